@@ -1,0 +1,83 @@
+"""The product: an all-quad mesh, with the invariants that every mesh handed out satisfies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.types import Floats, Ints
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Vertices and counter-clockwise quadrilaterals.
+
+    Attributes:
+        name: the domain's name.
+        vertices: (n, 2) float64; the domain's points first, in their order and untouched, then the new ones.
+        quads: (m, 4) int64 indices into ``vertices``, counter-clockwise, in the order they were cut.
+        segments: (s, 2) int64, the given boundary segments.
+        complete: whether the quads fill the domain.
+    """
+
+    name: str
+    vertices: Floats
+    quads: Ints
+    segments: Ints
+    complete: bool
+
+    @property
+    def areas(self) -> Floats:
+        """(m,) float64: signed areas, positive when counter-clockwise."""
+        p = self.vertices[self.quads]
+        d, e = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
+        return 0.5 * (d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
+
+    @property
+    def edges(self) -> tuple[Ints, Ints]:
+        """Distinct undirected edges (e, 2) int64, and how many quads use each, (e,) int64."""
+        pairs = np.stack([self.quads, np.roll(self.quads, -1, axis=1)], axis=-1).reshape(-1, 2)
+        distinct, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
+        return distinct, counts
+
+    @property
+    def valence(self) -> Ints:
+        """(n,) int64: edges that meet at each vertex."""
+        distinct, _ = self.edges
+        return np.bincount(distinct.ravel(), minlength=len(self.vertices))
+
+    @property
+    def on_boundary(self) -> np.ndarray:
+        """(n,) bool: vertices of the given boundary segments."""
+        mask = np.zeros(len(self.vertices), dtype=bool)
+        mask[self.segments.ravel()] = True
+        return mask
+
+    def defects(self, area: float | None = None) -> list[str]:
+        """What keeps this from being a valid mesh of its domain; an empty list when nothing does.
+
+        Checked: every quad strictly convex and counter-clockwise, no edge used by more than two quads, and, for a
+        complete mesh, that the edges used once are exactly the given boundary segments.
+
+        Args:
+            area: the domain's area; when given, the elements' areas must add up to it (relative 1e-9).
+        """
+        found: list[str] = []
+        p = self.vertices[self.quads]
+        ahead, behind = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
+        turn = ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
+        bent = int(np.sum((turn <= 0).any(axis=1)))
+        if bent:
+            found.append(f"{bent} elements are not strictly convex")
+        distinct, counts = self.edges
+        if (counts > 2).any():
+            found.append(f"{int((counts > 2).sum())} edges are shared by more than two elements")
+        if self.complete:
+            once = {tuple(edge) for edge in distinct[counts == 1].tolist()}
+            given = {tuple(edge) for edge in np.sort(self.segments, axis=1).tolist()}
+            if once != given:
+                found.append(f"{len(once ^ given)} boundary edges differ from the given segments")
+            if area is not None and not np.isclose(self.areas.sum(), area, rtol=1e-9, atol=0.0):
+                found.append(f"the elements cover {self.areas.sum():.12g} of an area of {area:.12g}")
+        return found
