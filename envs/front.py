@@ -1,0 +1,329 @@
+"""The front: the ring of vertices that is still to be meshed, and its one change, ``advance``.
+
+A ring vertex lives in a *slot*, 0 <= slot < C. The slots of a ring are linked by ``prv`` and ``nxt``; an element takes
+slots out, puts a new vertex into a freed one, or both. Two vertices of the ring can be the same mesh vertex (the two
+sides of a seam): they have different slots and the same ``vid``.
+
+An element is described by its *chain*, the k + 1 front vertices it shares with the front, and 3 - k new vertices:
+
+    chain            k   element (counter-clockwise)            front between chain ends afterwards
+    l1 0 r1 r2       3   closed with the right chain (type 0)   l1 - r2
+    l2 l1 0 r1       3   closed with the left chain (type 0)    l2 - r1
+    l1 0 r1          2   one new vertex a (type 1)              l1 - a - r1
+    0 r1             1   two new vertices a, b (type 2)         0 - b - a - r1
+
+Around the chain's start and end the front keeps the interior angle less the element's own angle there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.kernels import slot_tree
+from envs.kernels.compiled import compiled, inlined
+from envs.kernels.geometry import angle
+from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
+
+# Entries of Front.count.
+RING, POINTS, ELEMENTS, INVALID, FREE, STEPS = range(6)
+# Entries of Front.measure.
+AREA, AREA_0, A_MIN, A_MAX, TOLERANCE, ETA_SUM, RETURN = range(7)
+
+#: Free slots form a list through ``nxt``; a slot outside the ring has this ``prv``.
+OUTSIDE = -1
+
+
+class Front(NamedTuple):
+    """Working memory of one episode, or with one more leading axis of a batch of them.
+
+    Attributes:
+        xy: (C, 2) float64, position of each slot.
+        vid: (C,) int64, mesh vertex of each slot.
+        prv, nxt: (C,) int64, the ring's neighbours of each slot.
+        key: (2 C,) float64, tree of minima over the mean angles that choose the reference vertex, rad.
+        box: (2 C, 4) float64, tree of boxes over the edges slot -> nxt[slot].
+        points: (P, 2) float64, every mesh vertex so far.
+        quads: (E, 4) int64, the elements so far.
+        count: (6,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps].
+        measure: (7,) float64, [area left, initial area, A_min, A_max, tolerance, sum of eta_e, return].
+    """
+
+    xy: Floats
+    vid: Ints
+    prv: Ints
+    nxt: Ints
+    key: Floats
+    box: Floats
+    points: Floats
+    quads: Ints
+    count: Ints
+    measure: Floats
+
+
+@inlined
+def row(batch: Front, i: int) -> Front:
+    """The front of episode i of a batch (views, no copies)."""
+    return Front(
+        batch.xy[i], batch.vid[i], batch.prv[i], batch.nxt[i], batch.key[i], batch.box[i],
+        batch.points[i], batch.quads[i], batch.count[i], batch.measure[i],
+    )  # fmt: skip
+
+
+@inlined
+def interior_angle(front: Front, slot: int) -> float:
+    """Angle inside the domain at a slot, [0, 2 pi)."""
+    xy, after, before = front.xy, front.nxt[slot], front.prv[slot]
+    x, y = xy[slot, 0], xy[slot, 1]
+    return angle(xy[after, 0] - x, xy[after, 1] - y, xy[before, 0] - x, xy[before, 1] - y)
+
+
+@inlined
+def mean_angle(front: Front, slot: int, n_rv: int) -> float:
+    """The mean of the angles V_l,j V V_r,j over j = 1..n_rv (paper, Eq. "reference vertex").
+
+    Rounded to 1e-9 rad, so that equal angles stay equal under rotation and scaling; the ring's order breaks the tie.
+    """
+    xy = front.xy
+    x, y = xy[slot, 0], xy[slot, 1]
+    left = right = slot
+    total = 0.0
+    for _ in range(n_rv):
+        left, right = front.prv[left], front.nxt[right]
+        total += angle(xy[right, 0] - x, xy[right, 1] - y, xy[left, 0] - x, xy[left, 1] - y)
+    return round(total / n_rv * 1e9) * 1e-9
+
+
+@inlined
+def reference_slot(front: Front) -> int:
+    """The slot of the reference vertex V_0."""
+    return slot_tree.least_slot(front.key)
+
+
+@inlined
+def chain_start(front: Front, reference: int, kind: int) -> int:
+    """The first slot of the chain of an element of this kind (RIGHT 0, ONE 1, LEFT 2, TWO 3)."""
+    if kind == 3:
+        return reference
+    start = front.prv[reference]
+    return front.prv[start] if kind == 2 else start
+
+
+@inlined
+def box_edge(front: Front, slot: int) -> None:
+    """Put the edge slot -> next into the box tree."""
+    after = front.nxt[slot]
+    ax, ay = front.xy[slot, 0], front.xy[slot, 1]
+    bx, by = front.xy[after, 0], front.xy[after, 1]
+    slot_tree.set_box(front.box, slot, min(ax, bx), min(ay, by), max(ax, bx), max(ay, by))
+
+
+@inlined
+def release(front: Front, slot: int) -> None:
+    """Take a slot out of the ring and remember it as free."""
+    front.prv[slot] = OUTSIDE
+    front.nxt[slot] = front.count[FREE]
+    front.count[FREE] = slot
+    slot_tree.set_key(front.key, slot, np.inf)
+    slot_tree.clear_box(front.box, slot)
+
+
+@inlined
+def insert(front: Front, before: int, slot: int, x: float, y: float) -> int:
+    """Link a new mesh vertex at (x, y) into the ring after ``before``, in ``slot``; its mesh vertex."""
+    vertex = front.count[POINTS]
+    front.points[vertex, 0], front.points[vertex, 1] = x, y
+    front.count[POINTS] = vertex + 1
+    front.xy[slot, 0], front.xy[slot, 1], front.vid[slot] = x, y, vertex
+    after = front.nxt[before]
+    front.prv[slot], front.nxt[slot] = before, after
+    front.nxt[before], front.prv[after] = slot, slot
+    return vertex
+
+
+@inlined
+def advance(
+    front: Front, start: int, k: int, ax: float, ay: float, bx: float, by: float, area: float, n_rv: int
+) -> None:
+    """Cut an element with the chain of k + 1 slots from ``start`` off the front.
+
+    Args:
+        front: changed in place.
+        start: first slot of the chain.
+        k: edges in the chain, 1..3.
+        ax, ay: new vertex next to the chain's end (k <= 2).
+        bx, by: new vertex next to the chain's start (k == 1).
+        area: the element's area, taken off the area left.
+        n_rv: neighbour pairs in the choice of the reference vertex.
+    """
+    quad = front.quads[front.count[ELEMENTS]]
+    slot = start
+    for corner in range(k + 1):
+        quad[corner] = front.vid[slot]
+        slot = front.nxt[slot]
+    end = front.prv[slot]
+
+    inner = front.nxt[start]
+    front.nxt[start], front.prv[end] = end, start
+    for _ in range(k - 1):
+        beyond = front.nxt[inner]
+        release(front, inner)
+        inner = beyond
+    if k == 1:
+        slot = front.count[FREE]
+        front.count[FREE] = front.nxt[slot]
+        quad[2] = insert(front, start, slot, ax, ay)
+        slot = front.count[FREE]
+        front.count[FREE] = front.nxt[slot]
+        quad[3] = insert(front, start, slot, bx, by)
+    elif k == 2:
+        slot = front.count[FREE]
+        front.count[FREE] = front.nxt[slot]
+        quad[3] = insert(front, start, slot, ax, ay)
+
+    front.count[ELEMENTS] += 1
+    front.count[RING] += 4 - 2 * k
+    front.measure[AREA] -= area
+
+    slot = start
+    while slot != end:
+        box_edge(front, slot)
+        slot = front.nxt[slot]
+    refresh_keys(front, start, end, n_rv)
+
+
+@inlined
+def refresh_keys(front: Front, start: int, end: int, n_rv: int) -> None:
+    """Update the mean angles within n_rv of the edges between ``start`` and ``end``."""
+    first, last = start, end
+    for _ in range(n_rv - 1):
+        first, last = front.prv[first], front.nxt[last]
+    # On a ring shorter than the stretch, once around is enough.
+    slot = first
+    for _ in range(front.count[RING]):
+        slot_tree.set_key(front.key, slot, mean_angle(front, slot, n_rv))
+        if slot == last:
+            break
+        slot = front.nxt[slot]
+
+
+@inlined
+def close(front: Front) -> None:
+    """Turn the 4-ring that is left into the last element."""
+    quad = front.quads[front.count[ELEMENTS]]
+    slot = reference_slot(front)
+    for corner in range(4):
+        quad[corner] = front.vid[slot]
+        slot = front.nxt[slot]
+    front.count[ELEMENTS] += 1
+    front.count[RING] = 0
+    front.measure[AREA] = 0.0
+
+
+@compiled
+def restart(front: Front, template: Front) -> None:
+    """Make ``front`` the initial front ``template`` (which may have room for no elements)."""
+    front.xy[:] = template.xy
+    front.vid[:] = template.vid
+    front.prv[:] = template.prv
+    front.nxt[:] = template.nxt
+    front.key[:] = template.key
+    front.box[:] = template.box
+    front.points[: len(template.points)] = template.points
+    front.count[:] = template.count
+    front.measure[:] = template.measure
+
+
+def capacity(domain: Domain, parameters: MeshingParameters) -> int:
+    """Slots for a front: a power of two. Without type 2 a front never grows; with it, there is room to double."""
+    least = len(domain.ring) * (2 if parameters.type2 else 1)
+    return 1 << max(3, int(least - 1).bit_length())
+
+
+def element_cap(domain: Domain, parameters: MeshingParameters) -> int:
+    """Elements at which an episode is truncated."""
+    if parameters.max_elements is not None:
+        return parameters.max_elements
+    edges = np.linalg.norm(domain.vertices - np.roll(domain.vertices, -1, axis=0), axis=1)
+    return int(4.0 * domain.area / edges.mean() ** 2) + len(domain.ring)
+
+
+def area_bounds(domain: Domain, parameters: MeshingParameters) -> tuple[float, float]:
+    """A_min = v e_min^2 and A_max = v ((e_max - e_min)/kappa + e_min)^2 of the given boundary segments."""
+    ends = domain.points[domain.segments]
+    edges = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    e_min, e_max = float(edges.min()), float(edges.max())
+    v = parameters.upsilon
+    return v * e_min**2, v * ((e_max - e_min) / parameters.kappa + e_min) ** 2
+
+
+@compiled
+def _index(front: Front, n_rv: int) -> None:
+    for slot in range(len(front.vid)):
+        leaf = len(front.vid) + slot
+        if front.prv[slot] == OUTSIDE:
+            front.key[leaf] = np.inf
+            front.box[leaf, 0] = front.box[leaf, 1] = np.inf
+            front.box[leaf, 2] = front.box[leaf, 3] = -np.inf
+        else:
+            after = front.nxt[slot]
+            front.key[leaf] = mean_angle(front, slot, n_rv)
+            front.box[leaf, 0] = min(front.xy[slot, 0], front.xy[after, 0])
+            front.box[leaf, 1] = min(front.xy[slot, 1], front.xy[after, 1])
+            front.box[leaf, 2] = max(front.xy[slot, 0], front.xy[after, 0])
+            front.box[leaf, 3] = max(front.xy[slot, 1], front.xy[after, 1])
+    slot_tree.build(front.key, front.box)
+
+
+def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front:
+    """The initial front of a domain, with ``slots`` slots and no room for elements."""
+    n, p = len(domain.ring), len(domain.points)
+    a_min, a_max = area_bounds(domain, parameters)
+    front = Front(
+        xy=np.zeros((slots, 2)),
+        vid=np.zeros(slots, dtype=np.int64),
+        prv=np.full(slots, OUTSIDE, dtype=np.int64),
+        nxt=np.arange(1, slots + 1, dtype=np.int64),
+        key=np.full(2 * slots, np.inf),
+        box=np.zeros((2 * slots, 4)),
+        points=domain.points.astype(np.float64),
+        quads=np.zeros((0, 4), dtype=np.int64),
+        count=np.array([n, p, 0, 0, n, 0], dtype=np.int64),
+        measure=np.array(
+            [domain.area, domain.area, a_min, a_max, RELATIVE_TOLERANCE * domain.diameter, 0.0, 0.0], dtype=np.float64
+        ),
+    )
+    front.xy[:n] = domain.vertices
+    front.vid[:n] = domain.ring
+    front.prv[:n] = np.roll(np.arange(n), 1)
+    front.nxt[:n] = np.roll(np.arange(n), -1)
+    _index(front, parameters.n_rv)
+    return front
+
+
+def allocate(batch: int, slots: int, points: int, elements: int) -> Front:
+    """Working memory for a batch of episodes: ``slots`` slots, room for ``points`` mesh vertices and ``elements``."""
+    return Front(
+        xy=np.zeros((batch, slots, 2)),
+        vid=np.zeros((batch, slots), dtype=np.int64),
+        prv=np.zeros((batch, slots), dtype=np.int64),
+        nxt=np.zeros((batch, slots), dtype=np.int64),
+        key=np.zeros((batch, 2 * slots)),
+        box=np.zeros((batch, 2 * slots, 4)),
+        points=np.zeros((batch, points, 2)),
+        quads=np.zeros((batch, elements, 4), dtype=np.int64),
+        count=np.zeros((batch, 6), dtype=np.int64),
+        measure=np.zeros((batch, 7)),
+    )
+
+
+def ring_slots(front: Front) -> Ints:
+    """The slots of the ring that is left, in counter-clockwise order; (ring,) int64."""
+    ring = np.empty(int(front.count[RING]), dtype=np.int64)
+    if len(ring):
+        slot = int(reference_slot(front))
+        for i in range(len(ring)):
+            ring[i] = slot
+            slot = int(front.nxt[slot])
+    return ring

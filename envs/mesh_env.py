@@ -1,0 +1,160 @@
+"""``FreeMesh-v0``: one domain, one agent, one element a step (paper, section "RL based mesh generation")."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from envs import observation
+from envs.action import KINDS, REJECTIONS
+from envs.domain import load
+from envs.episodes import Episodes
+from envs.render import draw_episode
+from envs.types import OBSERVATIONS, RADII, Domain, MeshingParameters
+
+#: What a domain can be given as: a name, a file, or the thing itself; several are drawn from at each reset.
+DomainSpec = str | Domain | Sequence[str | Domain]
+
+
+def domains_of(spec: DomainSpec) -> list[Domain]:
+    """The domains that a specification means, in its order.
+
+    Raises:
+        DomainError: unknown name, or a file that cannot be meshed.
+    """
+    parts = [spec] if isinstance(spec, str | Domain) else list(spec)
+    return [part if isinstance(part, Domain) else load(part) for part in parts]
+
+
+def parameters_of(options: Mapping[str, Any]) -> MeshingParameters:
+    """MeshingParameters from keywords; ``observation="O2"`` and ``radius="R2"`` are the paper's names.
+
+    Raises:
+        ValueError: unknown keyword or name, or a value out of its range.
+    """
+    values = dict(options)
+    for key, table in (("observation", OBSERVATIONS), ("radius", RADII)):
+        if (name := values.pop(key, None)) is not None:
+            if name not in table:
+                raise ValueError(f"{key} = {name!r}: use one of {', '.join(table)}")
+            setting: Any = table[name]
+            values |= setting if isinstance(setting, dict) else {"alpha": setting}
+    known = [field.name for field in fields(MeshingParameters)]
+    for key in values:
+        if key not in known:
+            raise ValueError(f"unknown environment option {key!r}; known: {', '.join(known)}, observation, radius")
+    return MeshingParameters(**values)
+
+
+def spaces_of(parameters: MeshingParameters) -> tuple[spaces.Box, spaces.Box]:
+    """Observation and action space of one environment."""
+    low, high = observation.bounds(parameters)
+    return (
+        spaces.Box(low, high, dtype=np.float32),
+        spaces.Box(-1.0, 1.0, (parameters.action_size,), dtype=np.float32),
+    )
+
+
+class Task:
+    """Which of an environment's domains the next episodes are drawn from.
+
+    Attributes:
+        weights: (domains,) float64, adding up to 1.
+    """
+
+    def __init__(self, domains: Sequence[Domain]) -> None:
+        self.names = [domain.name for domain in domains]
+        self.weights = np.full(len(domains), 1.0 / len(domains))
+
+    def get(self) -> dict[str, float]:
+        """Weight of each domain by name."""
+        return dict(zip(self.names, self.weights.tolist(), strict=True))
+
+    def set(self, weights: Mapping[str, float]) -> None:
+        """Draw from these domains, with these weights (they need not add up to 1); the others not at all.
+
+        Raises:
+            ValueError: an unknown domain, a negative weight, or none above zero.
+        """
+        unknown = [name for name in weights if name not in self.names]
+        if unknown:
+            raise ValueError(f"task names {', '.join(unknown)}; this environment has {', '.join(self.names)}")
+        chosen = np.array([weights.get(name, 0.0) for name in self.names], dtype=np.float64)
+        if (chosen < 0).any() or not 0 < chosen.sum() < np.inf:
+            raise ValueError(f"task weights {dict(weights)}: none may be negative, and one must be positive")
+        self.weights = chosen / chosen.sum()
+
+    def draw(self, random: np.random.Generator) -> int:
+        """The index of a domain; one random number is used whenever there is a choice."""
+        if len(self.weights) == 1:
+            return 0
+        return int(np.searchsorted(np.cumsum(self.weights), random.random(), side="right").clip(max=len(self.names) - 1))
+
+
+class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
+    """Cut quadrilaterals off a domain's boundary until nothing is left.
+
+    Args:
+        domain: a catalogue name, a file, ``random:SEED``, a Domain, or several of them to draw from at each reset.
+        render_mode: ``"rgb_array"`` or None.
+        options: fields of MeshingParameters, ``observation`` (O1, O2, O3) and ``radius`` (R1, R2, R3).
+
+    Observation, action, reward and the end of an episode: see ``envs.observation``, ``envs.action``, ``envs.reward``.
+
+    ``info`` of a step: ``eta_e``, ``eta_b``, ``mu`` (the reward's terms), ``rejection`` (empty, or why the action was
+    invalid), ``kind`` (right, one, left, two). When the episode ends also ``mesh`` (a Mesh), ``completed``,
+    ``elements``, ``mean_eta`` and ``domain``. ``info`` of a reset: ``domain``.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (gymnasium's own convention)
+
+    def __init__(self, domain: DomainSpec = "T1", render_mode: str | None = None, **options: Any) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode = {render_mode!r}: use 'rgb_array' or None")
+        self.render_mode = render_mode
+        self.parameters = parameters_of(options)
+        self.episodes = Episodes(domains_of(domain), self.parameters, batch=1)
+        self.task = Task(self.episodes.domains)
+        self.observation_space, self.action_space = spaces_of(self.parameters)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; the seed decides which domain, when there are several."""
+        super().reset(seed=seed)
+        self.episodes.start(0, self.task.draw(self.np_random))
+        return self.episodes.out.observation[0].copy(), {"domain": self.episodes.domain(0).name}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Cut the element that ``action`` asks for, or reject it and leave the front as it is."""
+        out = self.episodes.step(np.asarray(action)[None])
+        eta_e, eta_b, mu = out.terms[0].tolist()
+        info: dict[str, Any] = {
+            "eta_e": eta_e, "eta_b": eta_b, "mu": mu,
+            "rejection": REJECTIONS[out.rejection[0]], "kind": KINDS[out.kind[0]],
+        }  # fmt: skip
+        terminated, truncated = bool(out.terminated[0]), bool(out.truncated[0])
+        if terminated or truncated:
+            info |= ending(self.episodes, 0)
+        return out.observation[0].copy(), float(out.reward[0]), terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """(height, width, 3) uint8: the elements, the front, and the reference vertex."""
+        return draw_episode(self.episodes, 0) if self.render_mode == "rgb_array" else None
+
+
+def ending(episodes: Episodes, i: int) -> dict[str, Any]:
+    """What is told of an episode when it ends."""
+    mesh = episodes.mesh(i)
+    return {
+        "mesh": mesh,
+        "completed": mesh.complete,
+        "elements": episodes.elements(i),
+        "mean_eta": episodes.mean_eta(i),
+        "domain": mesh.name,
+    }

@@ -1,0 +1,83 @@
+"""Element quality, defined once: the reward, the smoother and the metrics all call this file.
+
+Paper, Eq. "element quality":  eta_e = sqrt(q_edge q_angle),  q_edge = sqrt(2) min l_j / D_max,
+q_angle = min angle_j / max angle_j. 1 for a square, towards 0 for a degenerate element.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from envs.kernels.compiled import compiled, inlined
+from envs.kernels.geometry import angle
+from envs.types import MAX_ELEMENT_ANGLE, MIN_ELEMENT_ANGLE, Floats, Ints
+
+
+@inlined
+def inner_angles(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> tuple[float, float, float, float]:
+    """The inner angles at a, b, c, d of a counter-clockwise quadrilateral, each in [0, 2 pi)."""
+    return (
+        angle(bx - ax, by - ay, dx - ax, dy - ay),
+        angle(cx - bx, cy - by, ax - bx, ay - by),
+        angle(dx - cx, dy - cy, bx - cx, by - cy),
+        angle(ax - dx, ay - dy, cx - dx, cy - dy),
+    )
+
+
+@inlined
+def angles_valid(alpha: float, beta: float, gamma: float, delta: float) -> bool:
+    """Whether all four inner angles lie strictly between 0.01 pi and 0.99 pi; the quadrilateral is then convex.
+
+    Four angles below pi add up to 2 pi only around a simple counter-clockwise quadrilateral: a clockwise one has
+    reflex angles, and of a self-crossing one two corners turn the wrong way.
+    """
+    return (
+        min(min(alpha, beta), min(gamma, delta)) > MIN_ELEMENT_ANGLE
+        and max(max(alpha, beta), max(gamma, delta)) < MAX_ELEMENT_ANGLE
+    )
+
+
+@inlined
+def eta_from_angles(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float,
+    alpha: float, beta: float, gamma: float, delta: float,
+) -> float:  # fmt: skip
+    """eta_e in [0, 1] of a valid quadrilateral whose inner angles are known."""
+    shortest2 = min(
+        min((bx - ax) ** 2 + (by - ay) ** 2, (cx - bx) ** 2 + (cy - by) ** 2),
+        min((dx - cx) ** 2 + (dy - cy) ** 2, (ax - dx) ** 2 + (ay - dy) ** 2),
+    )
+    longest2 = max((cx - ax) ** 2 + (cy - ay) ** 2, (dx - bx) ** 2 + (dy - by) ** 2)
+    q_edge = math.sqrt(2.0 * shortest2 / longest2)
+    q_angle = min(min(alpha, beta), min(gamma, delta)) / max(max(alpha, beta), max(gamma, delta))
+    return math.sqrt(q_edge * q_angle)
+
+
+@compiled
+def _element_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
+    for i in range(len(quads)):
+        ax, ay = vertices[quads[i, 0]]
+        bx, by = vertices[quads[i, 1]]
+        cx, cy = vertices[quads[i, 2]]
+        dx, dy = vertices[quads[i, 3]]
+        alpha, beta, gamma, delta = inner_angles(ax, ay, bx, by, cx, cy, dx, dy)
+        out[i] = eta_from_angles(ax, ay, bx, by, cx, cy, dx, dy, alpha, beta, gamma, delta)
+
+
+def element_quality(vertices: Floats, quads: Ints) -> Floats:
+    """eta_e of every element.
+
+    Args:
+        vertices: (n, 2) float64.
+        quads: (m, 4) integer indices, counter-clockwise.
+
+    Returns:
+        (m,) float64 in [0, 1].
+    """
+    out = np.empty(len(quads))
+    _element_quality(np.ascontiguousarray(vertices, dtype=np.float64), np.asarray(quads, dtype=np.int64), out)
+    return out

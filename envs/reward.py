@@ -1,0 +1,59 @@
+"""The reward's three named terms (paper, section "Reward function") and the two constants beside them.
+
+    r = -0.1                    invalid action
+        10                      the element that completes the mesh
+        eta_e + eta_b + mu      otherwise
+"""
+
+from __future__ import annotations
+
+import math
+
+from envs.action import Cut
+from envs.kernels.compiled import inlined
+from envs.quality import eta_from_angles
+
+INVALID_REWARD = -0.1
+LAST_REWARD = 10.0
+
+
+@inlined
+def element_area(cut: Cut) -> float:
+    """Area of the element, in squared domain units."""
+    x, y = cut.x, cut.y
+    return 0.5 * ((x[2] - x[0]) * (y[3] - y[1]) - (x[3] - x[1]) * (y[2] - y[0]))
+
+
+@inlined
+def eta_e(cut: Cut) -> float:
+    """Element quality in [0, 1]."""
+    x, y, a = cut.x, cut.y, cut.angles
+    return eta_from_angles(x[0], y[0], x[1], y[1], x[2], y[2], x[3], y[3], a[0], a[1], a[2], a[3])
+
+
+@inlined
+def eta_b(cut: Cut, M_angle: float) -> float:
+    """Quality of the front that is left, in [-1, 0]: its new angles, and how near the new vertices come to it.
+
+    sqrt(min_k min(sigma_k, M_angle) / M_angle q_dist) - 1 with q_dist = d_min / ((d_1 + d_2)/2) capped at 1, where d_1
+    and d_2 are the lengths of the edges from new vertices to the chain. Front edges at the chain's two ends do not
+    count towards d_min: their nearness is what the angles sigma measure. For type 0, q_dist = 1.
+    """
+    q_angle = min(min(cut.sigma_start, cut.sigma_end), M_angle) / M_angle
+    q_dist = 1.0
+    if cut.k < 3:
+        x, y, k = cut.x, cut.y, cut.k
+        d_1 = math.hypot(x[k + 1] - x[k], y[k + 1] - y[k])
+        d_2 = math.hypot(x[0] - x[3], y[0] - y[3])
+        q_dist = min(1.0, cut.d_min / (0.5 * (d_1 + d_2)))
+    return math.sqrt(q_angle * q_dist) - 1.0
+
+
+@inlined
+def mu(area: float, A_min: float, A_max: float, continuous: bool) -> float:
+    """Density: -1 below A_min, 0 from A_max on; between, in [-1, 0] (continuous) or, as printed, in [0, 1]."""
+    if area < A_min:
+        return -1.0
+    if area >= A_max:
+        return 0.0
+    return (area - (A_max if continuous else A_min)) / (A_max - A_min)

@@ -1,0 +1,266 @@
+"""Checks of the rings a polygon is given by: what cannot be meshed is named with its place and the fix.
+
+Letters: a ring is (n, 2) float64, its vertex ``i`` is row ``i`` as given, its segment ``i`` runs from vertex ``i`` to the
+next one. Everything within ``RELATIVE_TOLERANCE`` of the domain's diameter counts as touching.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+
+from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
+
+#: Coordinates beyond this, or domains smaller than its inverse, would overflow when squared or multiplied.
+LARGEST_COORDINATE = 1e100
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The segments of one or several rings as a graph over distinct points, with what messages call them.
+
+    Attributes:
+        source: the name that messages begin with.
+        points: (p, 2) float64, distinct points.
+        edges: (e, 2) int64, indices into ``points``, each undirected edge once.
+        ring_of: (e,) int64, the ring that each edge was given in; 0 is the outer one, h the hole h - 1.
+        number: (e,) int64, the edge's index within that ring, which is also its first vertex's.
+    """
+
+    source: str
+    points: Floats
+    edges: Ints
+    ring_of: Ints
+    number: Ints
+
+    @property
+    def tolerance(self) -> float:
+        """Distance below which two points touch."""
+        return RELATIVE_TOLERANCE * extent(self.points)
+
+
+def ring_name(index: int) -> str:
+    """What messages call ring ``index``: the outer one is 0, hole h is h + 1."""
+    return "outer ring" if index == 0 else f"hole {index - 1}"
+
+
+def place(point: Sequence[float] | Floats) -> str:
+    """Coordinates as messages show them, in full: ``(x, y)``."""
+    return f"({float(point[0])!r}, {float(point[1])!r})"
+
+
+def extent(points: Floats) -> float:
+    """Diagonal of the bounding box of (n, 2) points."""
+    return float(np.hypot(*np.ptp(points, axis=0)))
+
+
+def signed_area(ring: Floats) -> float:
+    """Shoelace area of an (n, 2) ring, positive when counter-clockwise."""
+    x, y = (ring - ring[0]).T
+    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def oriented(ring: Floats, counterclockwise: bool) -> Floats:
+    """The (n, 2) ring in the wanted orientation, its first vertex kept first."""
+    if (signed_area(ring) > 0) == counterclockwise:
+        return ring
+    return np.concatenate([ring[:1], ring[:0:-1]])
+
+
+def as_ring(coordinates: ArrayLike, source: str, index: int = 0) -> Floats:
+    """Coordinates as an (n, 2) float64 ring, without the closing point that repeats the first.
+
+    Args:
+        coordinates: n pairs of numbers.
+        source: the name that messages begin with.
+        index: 0 for the outer ring, h + 1 for hole h.
+
+    Raises:
+        DomainError: not pairs of finite numbers, too few of them, or repeated neighbours.
+    """
+    where = f"{source}: {ring_name(index)}"
+    try:
+        ring = np.array(coordinates, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise DomainError(f"{where}: not a list of [x, y] pairs of numbers; give every vertex as [x, y]") from None
+    if ring.size == 0:
+        raise DomainError(f"{where}: no vertices; give at least 4 [x, y] pairs")
+    if ring.ndim != 2 or ring.shape[1] != 2:
+        raise DomainError(f"{where}: shape {ring.shape} where (n, 2) is needed; give every vertex as [x, y]")
+    for i in np.flatnonzero(~(np.abs(ring) <= LARGEST_COORDINATE).all(axis=1))[:1]:
+        what = "too large" if np.isfinite(ring[i]).all() else "not finite (NaN or infinity)"
+        raise DomainError(f"{where}, vertex {i} at {place(ring[i])}: coordinate {what}; correct or remove the vertex")
+    # -0.0 and 0.0 are one place: adding zero makes them one number too.
+    ring = ring + 0.0
+    tolerance = RELATIVE_TOLERANCE * extent(ring)
+    if len(ring) > 1 and np.linalg.norm(ring[0] - ring[-1]) <= tolerance:
+        ring = ring[:-1]
+    least = 4 if index == 0 else 3
+    if len(ring) < least:
+        raise DomainError(f"{where}: {len(ring)} vertices, at least {least} are needed; split its segments")
+    gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+    for i in np.flatnonzero(gaps <= tolerance)[:1]:
+        j = (i + 1) % len(ring)
+        raise DomainError(f"{where}, vertex {j} at {place(ring[j])}: repeats vertex {i}; remove one of the two")
+    check_thickness(ring, where)
+    return ring
+
+
+def check_thickness(ring: Floats, where: str) -> None:
+    """Refuse an (n, 2) ring whose vertices lie on one line (no area), within the tolerance."""
+    size = extent(ring)
+    if size < 1 / LARGEST_COORDINATE:
+        raise DomainError(f"{where}: degenerate, its extent {size:.3g} is too small; scale it up")
+    centred = (ring - ring.mean(axis=0)) / size
+    thin = np.linalg.svd(centred, full_matrices=False)[2][-1]
+    if np.ptp(centred @ thin) <= RELATIVE_TOLERANCE:
+        raise DomainError(
+            f"{where}: degenerate, zero area: all {len(ring)} vertices lie on the line from {place(ring[0])}; "
+            "give a polygon with area"
+        )
+
+
+def outline(rings: Sequence[Floats], source: str) -> Outline:
+    """The graph of several rings that share no points."""
+    counts = [len(ring) for ring in rings]
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    edges = [np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1) + start for n, start in zip(counts, starts, strict=False)]
+    return Outline(
+        source=source,
+        points=np.concatenate(rings),
+        edges=np.concatenate(edges).astype(np.int64),
+        ring_of=np.repeat(np.arange(len(rings)), counts),
+        number=np.concatenate([np.arange(n) for n in counts]),
+    )
+
+
+def check_distinct(rings: Sequence[Floats], source: str) -> None:
+    """Refuse points that occur twice, in one ring (a pinch) or in two (they touch)."""
+    whole = outline(rings, source)
+    for i, j in close_pairs(whole.points, whole.tolerance):
+        first, second = (f"{ring_name(whole.ring_of[k])}, vertex {whole.number[k]}" for k in (i, j))
+        if whole.ring_of[i] == whole.ring_of[j]:
+            problem = "a pinch where the boundary touches itself; move one of the two"
+        else:
+            problem = "the two rings touch; move one of them"
+        raise DomainError(f"{source}: {second} at {place(whole.points[j])} repeats {first}: {problem}")
+
+
+def close_pairs(points: Floats, distance: float) -> Iterator[tuple[int, int]]:
+    """Pairs i < j of (p, 2) points within ``distance``, in order of j."""
+    geometries = shapely.points(points)
+    i, j = shapely.STRtree(geometries).query(geometries, predicate="dwithin", distance=distance)
+    later = i < j
+    order = np.lexsort([i[later], j[later]])
+    yield from zip(i[later][order].tolist(), j[later][order].tolist(), strict=True)
+
+
+def check_crossings(whole: Outline) -> None:
+    """Refuse edges that meet anywhere but at a shared end, and neighbours that fold back onto each other.
+
+    Raises:
+        DomainError: the two segments, by ring and index, and where they meet.
+    """
+    ends = whole.points[whole.edges]
+    lines = shapely.linestrings(ends)
+    i, j = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=whole.tolerance)
+    i, j = i[i < j], j[i < j]
+    shared = (whole.edges[i][:, :, None] == whole.edges[j][:, None, :]).any(axis=2)
+    neighbours = shared.any(axis=1)
+    check_folds(whole, i[neighbours], j[neighbours], shared[neighbours])
+    i, j = i[~neighbours], j[~neighbours]
+    for k in np.lexsort([j, i])[:1]:
+        raise DomainError(crossing_message(whole, int(i[k]), int(j[k]), lines))
+
+
+def crossing_message(whole: Outline, a: int, b: int, lines: np.ndarray) -> str:
+    """The line that names the edges ``a`` and ``b`` and where they meet."""
+    meeting = shapely.shortest_line(lines[a], lines[b]).coords[0]
+    ring_a, ring_b = int(whole.ring_of[a]), int(whole.ring_of[b])
+    if ring_a == ring_b:
+        return (
+            f"{whole.source}: {ring_name(ring_a)} crosses itself: segments {whole.number[a]} and {whole.number[b]} "
+            f"meet at {place(meeting)}; move a vertex so that they do not meet"
+        )
+    return (
+        f"{whole.source}: {ring_name(ring_b)} crosses or touches {'the ' * (ring_a == 0)}{ring_name(ring_a)}: its segment "
+        f"{whole.number[b]} meets segment {whole.number[a]} at {place(meeting)}; move the hole clear"
+    )
+
+
+def check_folds(whole: Outline, i: Ints, j: Ints, shared: np.ndarray) -> None:
+    """Refuse neighbouring edges that lie upon each other: the corner between them is a spike of zero angle.
+
+    Args:
+        whole: the graph.
+        i: (m,) edges.
+        j: (m,) edges, each a neighbour of the one in ``i``.
+        shared: (m, 2) bool, which end of ``i`` is the common one.
+    """
+    first, second = whole.edges[i], whole.edges[j]
+    corner = np.where(shared[:, 0], first[:, 0], first[:, 1])
+    tip = whole.points[corner]
+    u = whole.points[first.sum(axis=1) - corner] - tip
+    v = whole.points[second.sum(axis=1) - corner] - tip
+    cross, dot = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)
+    # Distance of the shorter one's far end from the longer one.
+    off = np.abs(cross) / np.maximum(np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1))
+    for k in np.flatnonzero((dot > 0) & (off <= whole.tolerance))[:1]:
+        a, b = int(i[k]), int(j[k])
+        raise DomainError(
+            f"{whole.source}: {ring_name(whole.ring_of[a])}, a spike at {place(tip[k])}: segment "
+            f"{whole.number[b]} folds back onto segment {whole.number[a]}; remove the vertex at the tip"
+        )
+
+
+def check_nesting(rings: Sequence[Floats], source: str) -> None:
+    """Refuse holes outside the outer ring or inside another hole; the rings are known not to meet.
+
+    Since no two rings meet, one vertex of a hole tells where the whole hole lies.
+    """
+    if len(rings) == 1:
+        return
+    shapes = shapely.polygons([shapely.linearrings(ring) for ring in rings])
+    probes = shapely.points([ring[0] for ring in rings])
+    for h in range(1, len(rings)):
+        where = f"{source}: {ring_name(h)}, vertex 0 at {place(rings[h][0])}"
+        if not shapely.contains(shapes[0], probes[h]):
+            raise DomainError(f"{where}: lies outside the outer ring; move the hole inside or remove it")
+        others = [o for o in range(1, len(rings)) if o != h and shapely.contains(shapes[o], probes[h])]
+        for other in others[:1]:
+            raise DomainError(f"{where}: lies inside {ring_name(other)}; remove one of the two")
+
+
+def with_even_count(rings: list[Floats], source: str, fix_parity: bool) -> list[Floats]:
+    """The rings, with an even total of vertices.
+
+    Args:
+        rings: each (n, 2).
+        source: the name that messages begin with.
+        fix_parity: split the longest segment at its midpoint when the total is odd.
+
+    Raises:
+        DomainError: an odd total without ``fix_parity``.
+    """
+    total = sum(len(ring) for ring in rings)
+    if total % 2 == 0:
+        return rings
+    if not fix_parity:
+        raise DomainError(odd_message(source, total))
+    lengths = [np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1) for ring in rings]
+    r = int(np.argmax([length.max() for length in lengths]))
+    i = int(np.argmax(lengths[r]))
+    middle = 0.5 * (rings[r][i] + rings[r][(i + 1) % len(rings[r])])
+    return [*rings[:r], np.insert(rings[r], i + 1, middle, axis=0), *rings[r + 1 :]]
+
+
+def odd_message(source: str, total: int) -> str:
+    """The line that explains an odd ring and offers the fix."""
+    return (
+        f"{source}: {total} boundary vertices in all, an odd number, so no mesh of quadrilaterals alone exists; "
+        "use --fix-parity (split the longest segment) or add or remove one vertex"
+    )

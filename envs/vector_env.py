@@ -1,0 +1,126 @@
+"""The native batched environment: one call steps all episodes in compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from envs.action import KINDS, REJECTIONS
+from envs.episodes import Episodes
+from envs.mesh_env import DomainSpec, Task, domains_of, ending, parameters_of, spaces_of
+from envs.render import draw_episode
+
+_REJECTIONS = np.array(REJECTIONS)
+_KINDS = np.array(KINDS)
+
+
+class MeshVectorEnv(VectorEnv):
+    """``num_envs`` episodes of FreeMesh-v0, step for step what single environments give.
+
+    Autoreset is NEXT_STEP: the step after an episode's end ignores the action, begins a new episode and returns its
+    first observation with reward 0. Infos are as MeshEnv's, as arrays with Gymnasium's ``_key`` masks.
+
+    Args:
+        num_envs: B >= 1.
+        domain, render_mode, options: see MeshEnv.
+    """
+
+    metadata = {  # noqa: RUF012  (gymnasium's own convention)
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self, num_envs: int = 1, domain: DomainSpec = "T1", render_mode: str | None = None, **options: Any
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs}: must be at least 1")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode = {render_mode!r}: use 'rgb_array' or None")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.parameters = parameters_of(options)
+        self.episodes = Episodes(domains_of(domain), self.parameters, batch=num_envs)
+        self.task = Task(self.episodes.domains)
+        self.single_observation_space, self.single_action_space = spaces_of(self.parameters)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ended = np.zeros(num_envs, dtype=np.bool_)
+        self._randoms = [seeding.np_random(None)[0] for _ in range(num_envs)]
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin all episodes, or those of ``options["reset_mask"]``; episode i is seeded with ``seed + i``."""
+        mask = np.ones(self.num_envs, dtype=np.bool_) if options is None else options.get("reset_mask")
+        mask = np.ones(self.num_envs, dtype=np.bool_) if mask is None else np.asarray(mask, dtype=np.bool_)
+        seeds = [None if seed is None else seed + i for i in range(self.num_envs)] if (
+            seed is None or isinstance(seed, int)
+        ) else list(seed)  # fmt: skip
+        for i in np.flatnonzero(mask):
+            if seeds[i] is not None:
+                self._randoms[i] = seeding.np_random(seeds[i])[0]
+            self._begin(i)
+        self._ended[mask] = False
+        return self.episodes.out.observation.copy(), {"domain": self._domain_names(), "_domain": mask}
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One action in every episode; actions (B, 3) or (B, 5) in [-1, 1]."""
+        out, began = self.episodes.out, self._ended
+        self.episodes.step(actions, skip=began)
+        if began.any():
+            began = began.copy()
+            out.reward[began] = 0.0
+            out.terms[began] = 0.0
+            out.rejection[began] = 0
+            out.terminated[began] = out.truncated[began] = False
+            for i in np.flatnonzero(began):
+                self._begin(i)
+        stepped = ~began
+        terms = out.terms.copy()
+        infos: dict[str, Any] = {
+            "eta_e": terms[:, 0], "_eta_e": stepped,
+            "eta_b": terms[:, 1], "_eta_b": stepped,
+            "mu": terms[:, 2], "_mu": stepped,
+            "rejection": _REJECTIONS[out.rejection], "_rejection": stepped,
+            "kind": _KINDS[out.kind], "_kind": stepped,
+        }  # fmt: skip
+        self._ended = out.terminated | out.truncated
+        if self._ended.any():
+            self._tell_endings(infos)
+        return (
+            out.observation.copy(),
+            out.reward.copy(),
+            out.terminated.copy(),
+            out.truncated.copy(),
+            infos,
+        )
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """One picture an episode, (height, width, 3) uint8."""
+        if self.render_mode != "rgb_array":
+            return None
+        return tuple(draw_episode(self.episodes, i) for i in range(self.num_envs))
+
+    def _begin(self, i: int) -> None:
+        self.episodes.start(i, self.task.draw(self._randoms[i]))
+
+    def _domain_names(self) -> np.ndarray:
+        return np.array([domain.name for domain in self.episodes.domains])[self.episodes.domain_of]
+
+    def _tell_endings(self, infos: dict[str, Any]) -> None:
+        for i in np.flatnonzero(self._ended):
+            for key, value in ending(self.episodes, i).items():
+                if key not in infos:
+                    kind = object if key in ("mesh", "domain") else type(value)
+                    infos[key] = np.zeros(self.num_envs, dtype=kind)
+                    infos[f"_{key}"] = self._ended.copy()
+                infos[key][i] = value

@@ -1,0 +1,356 @@
+"""One tree of settings: ``defaults.yaml``, then overlays, then ``key=value``; what is wrong says where and why.
+
+The tree that `load` returns is a plain nested dict, complete and checked: every key of the defaults is there, and every
+value has the type and lies in the range that `SCHEMA` gives. Numbers may be written as ``3e-4`` or ``1.2e6``; a whole
+number given for a float becomes one, and ``1.2e6`` given for an integer becomes 1200000.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from envs.types import OBSERVATIONS, RADII, MeshingParameters
+
+Scalar = str | int | float | bool | None
+
+
+class ConfigError(ValueError):
+    """A setting that cannot be used; one line with the place, the key, what is wrong and the fix."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """What one key accepts.
+
+    Attributes:
+        kind: the value's type; with ``many``, each item's.
+        low, high: inclusive range of numbers.
+        words: texts that are accepted; for a number, in its place. Empty: any text that is not blank.
+        optional: whether null is accepted.
+        many: a list of one or more values in place of one.
+        pattern: what a text must match as a whole, with ``hint`` saying it in words.
+    """
+
+    kind: type
+    low: float = -math.inf
+    high: float = math.inf
+    words: tuple[str, ...] = ()
+    optional: bool = False
+    many: bool = False
+    pattern: str = r"(?s).*\S.*"
+    hint: str = "text"
+
+    def __str__(self) -> str:
+        """What is accepted, in words: the part of a message that tells the fix."""
+        span = "" if math.isinf(self.low) else f" in [{self.low:.12g}, {self.high:.12g}]"
+        plain = {bool: "true or false", int: f"a whole number{span}", float: f"a number{span}", str: self.hint}
+        choices = ([] if self.kind is str and self.words else [plain[self.kind]]) + list(self.words)
+        one = " or ".join([*choices, *(["null"] if self.optional else [])])
+        return f"a list of one or more, each {one}" if self.many else one
+
+
+TINY = 1e-9
+COUNT = 10**12
+
+#: Dotted key -> what it accepts. ``defaults.yaml`` holds the same keys, with their meaning and default.
+SCHEMA: dict[str, Field] = {
+    "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
+    "seed": Field(int, 0, 2**32 - 1),
+    "algorithm": Field(str, words=("sac",)),
+    "env.observation": Field(str, words=tuple(OBSERVATIONS), optional=True),
+    "env.radius": Field(str, words=tuple(RADII), optional=True),
+    "env.n": Field(int, 1, 8),
+    "env.g": Field(int, 1, 16),
+    "env.beta": Field(float, 1e-3, 1e3),
+    "env.n_rv": Field(int, 1, 8),
+    "env.alpha": Field(float, 1e-3, 1e3),
+    "env.upsilon": Field(float, TINY, 10),
+    "env.kappa": Field(float, TINY, 1e9),
+    "env.density": Field(str, words=("continuous", "printed")),
+    "env.M_angle": Field(float, TINY, math.pi),
+    "env.type2": Field(bool),
+    "env.max_invalid": Field(int, 1, 10**9),
+    "env.max_elements": Field(int, 1, COUNT, optional=True),
+    "curriculum.stages": Field(str, many=True),
+    "curriculum.promote_at": Field(float, 0, 1),
+    "curriculum.window": Field(int, 1, 10**6),
+    "curriculum.max_stage_steps": Field(int, 1, COUNT),
+    "curriculum.rehearsal": Field(float, 0, 1),
+    "sac.buffer_size": Field(int, 1, 10**9),
+    "sac.batch_size": Field(int, 1, 10**6),
+    "sac.gamma": Field(float, 0, 1),
+    "sac.learning_rate": Field(float, TINY, 1),
+    "sac.tau": Field(float, TINY, 1),
+    "sac.updates_per_step": Field(float, TINY, 100),
+    "sac.hidden": Field(int, 1, 65536, many=True),
+    "sac.warmup_steps": Field(int, 0, 10**9),
+    "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
+    "runners.count": Field(int, 0, 1024),
+    "runners.envs_per_runner": Field(int, 1, 4096),
+    "runners.fragment": Field(int, 1, 10**5),
+    "budget.env_steps": Field(int, 1, COUNT),
+    "budget.minutes": Field(float, TINY, 10**9, optional=True),
+    "evaluation.interval": Field(int, 1, COUNT),
+    "evaluation.episodes": Field(int, 1, 10**6),
+    "checkpoint.interval": Field(int, 1, COUNT),
+    "checkpoint.keep": Field(int, 1, 1000),
+    "tracking.uri": Field(str),
+    "tracking.experiment": Field(str),
+    "tracking.enabled": Field(bool),
+    "paths.runs": Field(str),
+}  # fmt: skip
+
+#: Keys that stand for several: name -> the keys it sets. They act where they are written, so that a later layer, or a
+#: key beside them in the same file, still has its way; the loaded tree names the one that holds in the end, or null.
+SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
+    "env.observation": {
+        name: {f"env.{key}": value for key, value in values.items()} for name, values in OBSERVATIONS.items()
+    },
+    "env.radius": {name: {"env.alpha": value} for name, value in RADII.items()},
+}
+
+#: (smaller, larger): the first key's value is at most the second's.
+AT_MOST: tuple[tuple[str, str], ...] = (("sac.batch_size", "sac.buffer_size"),)
+
+SECTIONS = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))
+
+
+class _Numbers:
+    """YAML 1.1 reads 3e-4 and 1e6 as text; here they are numbers, on the way in and on the way out."""
+
+    TAG = "tag:yaml.org,2002:float"
+    FORM = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+\Z")
+    FIRST = tuple("-+.0123456789")
+
+
+class _Loader(yaml.SafeLoader):
+    pass
+
+
+class _Dumper(yaml.SafeDumper):
+    pass
+
+
+_Loader.add_implicit_resolver(_Numbers.TAG, _Numbers.FORM, _Numbers.FIRST)
+_Dumper.add_implicit_resolver(_Numbers.TAG, _Numbers.FORM, _Numbers.FIRST)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One setting as written: its dotted key, its value and the place, for messages."""
+
+    key: str
+    value: Any
+    place: str
+
+
+def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[str, Any]:
+    """The defaults, overlaid by files and then by ``key=value`` strings, later ones winning.
+
+    Args:
+        overlays: YAML files; a bare name without suffix (``train_smoke``) is one that ships with the package.
+        sets: ``key.sub=value``, the value in YAML.
+
+    Returns:
+        The complete tree, nested dicts of checked values, in the order of the defaults.
+
+    Raises:
+        ConfigError: an unknown or repeated key, a wrong type or range, a missing, empty or invalid file.
+    """
+    settings: dict[str, Any] = {}
+    places: dict[str, str] = {}  # where each key was set last
+    for layer in (_file("defaults"), *map(_file, overlays), *map(_set, sets)):
+        checked = [(entry, _checked(entry)) for entry in layer]
+        for entry, value in sorted(checked, key=lambda pair: pair[0].key not in SHORTHANDS):
+            settings[entry.key] = value
+            if entry.key in SHORTHANDS and value is not None:
+                settings |= SHORTHANDS[entry.key][value]
+            places.pop(entry.key, None)  # keeps the order of the places that of the last settings
+            places[entry.key] = entry.place
+    for key, names in SHORTHANDS.items():
+        settings[key] = next((name for name, sets_ in names.items() if sets_.items() <= settings.items()), None)
+    for small, large in AT_MOST:
+        if settings[small] > settings[large]:
+            last = max(small, large, key=list(places).index)
+            values = f"{small} = {settings[small]} is more than {large} = {settings[large]}"
+            raise ConfigError(f"{places[last]}: {values}: lower it")
+    return _nested({key: settings[key] for key in SCHEMA})
+
+
+def dump(config: Mapping[str, Any]) -> str:
+    """The tree as YAML that `load` reads back to the same tree."""
+    return yaml.dump(dict(config), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+
+
+def flatten(config: Mapping[str, Any]) -> dict[str, Scalar]:
+    """Dotted key -> scalar, lists as JSON text: what an experiment tracker takes as parameters."""
+    flat: dict[str, Scalar] = {}
+    for key, value in config.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{key}.{sub}": item for sub, item in flatten(value).items()}
+        else:
+            flat[key] = json.dumps(value) if isinstance(value, list) else value
+    return flat
+
+
+def meshing_parameters(config: Mapping[str, Any]) -> MeshingParameters:
+    """The ``env`` section as the environment takes it."""
+    return MeshingParameters(**{field.name: config["env"][field.name] for field in fields(MeshingParameters)})
+
+
+def shipped() -> list[str]:
+    """Names of the configurations that ship with the package, without suffix."""
+    return sorted(item.name.removesuffix(".yaml") for item in _folder().iterdir() if item.name.endswith(".yaml"))
+
+
+def _folder() -> Any:
+    return resources.files("tune_configs")
+
+
+def _file(source: str | Path) -> list[_Entry]:
+    """The settings of one YAML file."""
+    name = str(source)
+    bare = "/" not in name and not Path(name).suffix
+    if bare and name not in shipped():
+        raise ConfigError(
+            f"{name}: no such configuration: use a path ending in .yaml, or one of {', '.join(shipped())}"
+        )
+    try:
+        text = (_folder() / f"{name}.yaml" if bare else Path(name)).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{name}: cannot be read ({error.strerror}): check the path") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{name}: is not UTF-8 text: save it as UTF-8") from error
+    root = _composed(text, name)
+    if root is None:
+        raise ConfigError(f"{name}:1: is empty: list the keys that differ from the defaults, or leave the file out")
+    return _unique(_entries(root, "", name, file=True))
+
+
+def _set(text: str) -> list[_Entry]:
+    """The settings of one ``key=value`` string."""
+    key, equals, value = text.partition("=")
+    place = f"--set {text}"
+    if not equals or not key.strip():
+        raise ConfigError(f"{place}: is not key=value: write for example sac.gamma=0.95")
+    return _unique(_entries(_composed(value, place) or yaml.ScalarNode(_NULL, ""), key.strip(), place, file=False))
+
+
+_NULL = "tag:yaml.org,2002:null"
+
+
+def _composed(text: str, place: str) -> yaml.Node | None:
+    """The YAML tree of ``text`` with its line numbers; None when it holds nothing."""
+    try:
+        return yaml.compose(text, Loader=_Loader)
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark and not place.startswith("--set") else ""
+        problem = getattr(error, "problem", None) or type(error).__name__
+        raise ConfigError(f"{place}{line}: is not valid YAML: {problem}") from error
+
+
+def _entries(node: yaml.Node, key: str, place: str, file: bool) -> Iterator[_Entry]:
+    """Every setting below ``node``, which is what stands at ``key`` ("" at the root)."""
+    here = f"{place}:{node.start_mark.line + 1}" if file else place
+    if key in SCHEMA:
+        yield _Entry(key, _value(node, key, here), here)
+    elif key and key not in SECTIONS:
+        raise ConfigError(f"{here}: {key}: unknown key{_nearest(key)}")
+    elif isinstance(node, yaml.MappingNode):
+        for name, child in node.value:
+            yield from _entries(child, f"{key}.{name.value}" if key else str(name.value), place, file)
+    elif not (key and node.tag == _NULL):  # a section with everything in it commented out is no mistake
+        what = f"{key}: is a section" if key else "the file is a list or a scalar"
+        raise ConfigError(f"{here}: {what}: write keys below it, for example {_example(key)}")
+
+
+def _value(node: yaml.Node, key: str, place: str) -> Any:
+    """The Python value of a node."""
+    try:
+        return _Loader("").construct_object(node, deep=True)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{place}: {key}: must be {SCHEMA[key]}") from error
+
+
+def _unique(entries: Iterator[_Entry]) -> list[_Entry]:
+    """The entries of one layer, each key once."""
+    found: dict[str, _Entry] = {}
+    for entry in entries:
+        if entry.key in found:
+            raise ConfigError(f"{entry.place}: {entry.key}: already set at {found[entry.key].place}: remove one")
+        found[entry.key] = entry
+    return list(found.values())
+
+
+def _nearest(key: str) -> str:
+    """The known key that was probably meant, as the end of a message."""
+    close = difflib.get_close_matches(key, [*SCHEMA, *SECTIONS], n=1, cutoff=0.5)
+    last = key.rpartition(".")[2]
+    same = [known for known in SCHEMA if difflib.get_close_matches(last, [known.rpartition(".")[2]], cutoff=0.75)]
+    found = close or same
+    return f": did you mean {found[0]}?" if found else f": known are name, seed, algorithm and {', '.join(SECTIONS)}"
+
+
+def _example(key: str) -> str:
+    """A line that would be right in section ``key``."""
+    return next(known for known in SCHEMA if known.startswith(f"{key}." if key else "sac.")) + ": ..."
+
+
+def _checked(entry: _Entry) -> Any:
+    """The entry's value in its schema type.
+
+    Raises:
+        ConfigError: the value is of another type or out of range.
+    """
+    field, value = SCHEMA[entry.key], entry.value
+    try:
+        if value is None and field.optional:
+            return None
+        if not field.many:
+            return _fitted(value, field)
+        if isinstance(value, list) and value:
+            return [_fitted(item, field) for item in value]
+    except (ValueError, OverflowError):
+        pass
+    quote = ": put it in quotes" if field.kind is str and isinstance(value, int | float) else ""
+    raise ConfigError(f"{entry.place}: {entry.key}: must be {field}, not {_shown(value)}{quote}")
+
+
+def _fitted(value: Any, field: Field) -> Any:
+    """One value in the field's type; ValueError or OverflowError when it does not fit."""
+    if isinstance(value, str):
+        fits = value in field.words if field.words else field.kind is str and re.fullmatch(field.pattern, value)
+    elif isinstance(value, bool) or not isinstance(value, int | float):
+        fits = isinstance(value, bool) and field.kind is bool
+    else:
+        fits = field.kind in (int, float) and field.low <= value <= field.high and field.kind(value) == value
+        value = field.kind(value) if fits else value
+    if not fits:
+        raise ValueError(value)
+    return value
+
+
+def _shown(value: Any) -> str:
+    """A value as one short piece of a message line."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted keys as a tree."""
+    tree: dict[str, Any] = {}
+    for key, value in flat.items():
+        section, _, name = key.rpartition(".")
+        (tree.setdefault(section, {}) if section else tree)[name] = value
+    return tree

@@ -1,0 +1,271 @@
+"""The settings tree: round trips, layers, numbers, and what is said about every kind of mistake."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from importlib import resources
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from envs.types import OBSERVATIONS, RADII, MeshingParameters
+from freemesh_ray.config import (
+    SCHEMA,
+    SHORTHANDS,
+    ConfigError,
+    Field,
+    dump,
+    flatten,
+    load,
+    meshing_parameters,
+)
+
+DEFAULTS_TEXT = (resources.files("tune_configs") / "defaults.yaml").read_text(encoding="utf-8")
+
+
+def values_of(key: str, field: Field) -> st.SearchStrategy:
+    """Every kind of value that ``field`` accepts."""
+    if field.many:
+        return st.lists(values_of(key, Field(field.kind, field.low, field.high, field.words)), min_size=1, max_size=4)
+    if field.kind is bool:
+        one: st.SearchStrategy = st.booleans()
+    elif field.kind is int:
+        one = st.integers(int(field.low), int(field.high))
+    elif field.kind is float:
+        one = st.floats(field.low, field.high)
+    elif field.words or key == "name":
+        one = st.sampled_from(field.words or ("main", "1e6", "null", "true", "a.b-c_d", "010"))
+    else:
+        one = st.sampled_from(["T1", "1e6", "3e-4", "null", "yes", "sqlite:///a b.db", "ünï", "a: b", "# x", "'"])
+    if field.words and field.kind is not str:
+        one |= st.sampled_from(field.words)
+    return one | st.none() if field.optional else one
+
+
+def written(tree: dict, folder: Path, name: str = "overlay.yaml") -> Path:
+    path = folder / name
+    path.write_text(tree if isinstance(tree, str) else yaml.safe_dump(tree), encoding="utf-8")
+    return path
+
+
+# ---- the defaults ----------------------------------------------------------------------------------------------------
+
+
+def test_the_defaults_hold_exactly_the_keys_of_the_schema_each_with_a_comment():
+    assert list(flatten(yaml.safe_load(DEFAULTS_TEXT))) == list(SCHEMA)
+    keys = [line for line in DEFAULTS_TEXT.splitlines() if line.strip() and not line.strip().startswith("#")]
+    sections = ("env:", "curriculum:", "sac:", "runners:", "evaluation:", "checkpoint:", "tracking:", "paths:")
+    assert [line for line in keys if " # " not in line] == [line for line in keys if line.strip() in sections]
+
+
+def test_the_defaults_are_the_environments_own():
+    assert meshing_parameters(load()) == MeshingParameters()
+    assert set(load()["env"]) == {*asdict(MeshingParameters()), "observation", "radius"}
+
+
+def test_ranges_of_the_environment_are_the_environments_own():
+    for key, field in SCHEMA.items():
+        section, _, name = key.partition(".")
+        if section == "env" and field.kind in (int, float) and not field.optional:
+            for bound in (field.low, field.high):
+                MeshingParameters(**{name: field.kind(bound)})
+            with pytest.raises(ValueError, match=name):
+                MeshingParameters(**{name: field.kind(field.low - 1)})
+
+
+@pytest.mark.parametrize("name", ["train_default", "train_paper", "train_smoke"])
+def test_shipped_overlays_load_by_name_and_by_path(name: str):
+    with resources.as_file(resources.files("tune_configs") / f"{name}.yaml") as path:
+        assert load([name]) == load([path])
+
+
+def test_overlays_say_what_they_are_for():
+    assert load(["train_default"]) == {**load(), "name": "default"}
+    paper = load(["train_paper"])
+    assert paper["budget"] == {"env_steps": 1_200_000, "minutes": None}
+    assert paper["sac"]["updates_per_step"] == 1.0
+    assert load(["train_smoke"])["curriculum"]["stages"] == ["T1"]
+
+
+# ---- properties ------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.fixed_dictionaries({}, optional={key: values_of(key, field) for key, field in SCHEMA.items()}))
+def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
+    if chosen.get("sac.batch_size", 256) > chosen.get("sac.buffer_size", 10**6):
+        chosen |= {"sac.batch_size": 1}
+    sets = [f"{key}={yaml.safe_dump(value, default_flow_style=True, width=10**6).split('...')[0].strip()}"
+            for key, value in chosen.items() if not isinstance(value, str | list)]  # fmt: skip
+    tree: dict = {}
+    for key, value in chosen.items():
+        if isinstance(value, str | list):
+            section, _, name = key.rpartition(".")
+            (tree.setdefault(section, {}) if section else tree)[name] = value
+    config = load([written(dump(tree), tmp_path)] if tree else [], sets)
+    assert load([written(dump(config), tmp_path)]) == config
+    for key, value in chosen.items():
+        if not any(key in sets_ or key == short for short, names in SHORTHANDS.items() for sets_ in names.values()):
+            assert flatten(config)[key] == flatten({key: value})[key], key
+
+
+@given(st.integers(1, 10**9))
+def test_whole_numbers_may_be_written_as_floats(steps: int):
+    for text in (f"{steps}", f"{steps}.0", f"{steps}e0", f"{steps:.15e}", f"+{steps}"):
+        value = load(sets=[f"budget.env_steps={text}"])["budget"]["env_steps"]
+        assert value == steps
+        assert type(value) is int
+
+
+@given(st.floats(1e-9, 1.0))
+def test_every_way_to_write_a_float_is_read(rate: float):
+    for text in (repr(rate), f"{rate:.17e}", f"{rate:.17E}", f"{rate:.17e}".replace("e-0", "e-")):
+        value = load(sets=[f"sac.learning_rate={text}"])["sac"]["learning_rate"]
+        assert value == rate
+        assert type(value) is float
+
+
+def test_later_layers_win(tmp_path: Path):
+    first = written({"sac": {"gamma": 0.5, "tau": 0.1}}, tmp_path, "first.yaml")
+    second = written({"sac": {"gamma": 0.6}}, tmp_path, "second.yaml")
+    sac = load([first, second], ["sac.tau=0.2", "sac.tau=0.3"])["sac"]
+    assert (sac["gamma"], sac["tau"]) == (0.6, 0.3)
+
+
+def test_loading_twice_gives_trees_that_share_nothing():
+    first = load()
+    first["sac"]["hidden"].append(1)
+    first["env"]["n"] = 7
+    assert load() != first
+    assert load() == load()
+
+
+@pytest.mark.parametrize("name", OBSERVATIONS)
+def test_a_named_observation_sets_its_numbers(name: str):
+    env = load(sets=[f"env.observation={name}"])["env"]
+    assert {key: env[key] for key in OBSERVATIONS[name]} == OBSERVATIONS[name]
+    assert env["observation"] == name
+
+
+def test_a_number_beside_or_after_a_name_has_its_way_and_the_name_is_dropped(tmp_path: Path):
+    path = written("env:\n  n: 5\n  observation: O3\n  radius: R1\n", tmp_path)
+    env = load([path])["env"]
+    assert (env["n"], env["g"], env["observation"]) == (5, 4, None)
+    assert (env["alpha"], env["radius"]) == (RADII["R1"], "R1")
+    assert load([path], ["env.alpha=2.5"])["env"]["radius"] is None
+    assert load([path], ["env.n=3"])["env"]["observation"] == "O3"
+
+
+def test_flatten_gives_scalars_only():
+    flat = flatten(load())
+    assert list(flat) == list(SCHEMA)
+    assert all(isinstance(value, str | int | float | bool | None) for value in flat.values())
+    assert flat["sac.hidden"] == "[128, 128, 128]"
+
+
+def test_an_empty_section_changes_nothing(tmp_path: Path):
+    assert load([written("name: x\nsac:\n  # gamma: 0.5\n", tmp_path)]) == {**load(), "name": "x"}
+
+
+# ---- mistakes --------------------------------------------------------------------------------------------------------
+
+BAD_SETS = [
+    ("sac.lerning_rate=1", "sac.lerning_rate: unknown key: did you mean sac.learning_rate?"),
+    ("gama=1", "gama: unknown key: did you mean sac.gamma?"),
+    ("minutes=1", "minutes: unknown key: did you mean budget.minutes?"),
+    ("zzzz=1", "zzzz: unknown key: known are name, seed"),
+    ("sac.gamma", "is not key=value: write for example sac.gamma=0.95"),
+    ("=1", "is not key=value"),
+    ("sac.gamma=1.5", "sac.gamma: must be a number in [0, 1], not 1.5"),
+    ("sac.gamma=.nan", "sac.gamma: must be a number in [0, 1], not NaN"),
+    ("sac.gamma=true", "sac.gamma: must be a number in [0, 1], not true"),
+    ("sac.gamma='0.5'", 'sac.gamma: must be a number in [0, 1], not "0.5"'),
+    ("sac.gamma=", "sac.gamma: must be a number in [0, 1], not null"),
+    ("sac.gamma=2020-99-99", "sac.gamma: must be a number in [0, 1]"),
+    ("sac.gamma=[0.5", "is not valid YAML: expected ',' or ']'"),
+    ("sac.gamma=!!python/object:os.system {}", "sac.gamma: must be a number in [0, 1]"),
+    ("sac=3", "sac: is a section: write keys below it, for example sac.buffer_size: ..."),
+    ("sac.gamma.x=3", "sac.gamma.x: unknown key: did you mean sac.gamma?"),
+    ("sac.batch_size=1.5", "sac.batch_size: must be a whole number in [1, 1000000], not 1.5"),
+    ("seed=1e400", "seed: must be a whole number in [0, 4294967295], not Infinity"),
+    ("seed=-1", "seed: must be a whole number in [0, 4294967295], not -1"),
+    ("env.type2=1", "env.type2: must be true or false, not 1"),
+    ("env.density=dense", 'env.density: must be continuous or printed, not "dense"'),
+    ("env.observation=O4", 'env.observation: must be O1 or O2 or O3 or null, not "O4"'),
+    ("sac.target_entropy=automatic", 'sac.target_entropy: must be a number in [-1000, 1000] or auto, not "automatic"'),
+    ("sac.hidden=64", "sac.hidden: must be a list of one or more, each a whole number in [1, 65536], not 64"),
+    ("sac.hidden=[]", "sac.hidden: must be a list of one or more, each a whole number in [1, 65536], not []"),
+    ("curriculum.stages=['']", 'curriculum.stages: must be a list of one or more, each text, not [""]'),
+    ("name=42", "name: must be text of letters, digits and . _ -, not 42: put it in quotes"),
+    ("name=../up", 'name: must be text of letters, digits and . _ -, not "../up"'),
+    ("name='..'", 'name: must be text of letters, digits and . _ -, not ".."'),
+    ("sac.buffer_size=100", "sac.batch_size = 256 is more than sac.buffer_size = 100: lower it"),
+    ("{sac: 1}=2", "unknown key"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_SETS, ids=[text for text, _ in BAD_SETS])
+def test_a_bad_set_is_named_in_one_line(text: str, message: str):
+    with pytest.raises(ConfigError) as raised:
+        load(sets=["seed=1", text])
+    assert str(raised.value).startswith(f"--set {text}: ")
+    assert message in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+BAD_FILES = [
+    ("", 1, "is empty"),
+    ("# only a comment\n", 1, "is empty"),
+    ("name: a\nsac:\n  gamma: 2\n", 3, "sac.gamma: must be a number in [0, 1], not 2"),
+    ("name: a\nsac:\n  gama: 2\n", 3, "sac.gama: unknown key: did you mean sac.gamma?"),
+    ("name: a\nname: b\n", 2, "name: already set at"),
+    ("- a\n- b\n", 1, "the file is a list or a scalar"),
+    ("name: [a\nseed: 1\n", 2, "is not valid YAML"),
+    ("sac:\n\tgamma: 1\n", 2, "is not valid YAML"),
+    ("sac: &a\n  gamma: *b\n", 2, "is not valid YAML: found undefined alias"),
+    ("sac: &a\n  sac: *a\n", 2, "sac.sac: unknown key"),
+    ("sac:\n  batch_size: 300\n  buffer_size: 200\n", 3, "sac.batch_size = 300 is more than sac.buffer_size = 200"),
+    ("name: a\n---\nname: b\n", 2, "is not valid YAML"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "message"), BAD_FILES)
+def test_a_bad_file_is_named_with_its_line(tmp_path: Path, text: str, line: int, message: str):
+    path = written(text, tmp_path)
+    with pytest.raises(ConfigError) as raised:
+        load([path])
+    assert str(raised.value).startswith(f"{path}:{line}: ")
+    assert message in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):
+    (tmp_path / "latin.yaml").write_bytes("name: \xe9".encode("latin-1"))
+    for path, message in (
+        (tmp_path / "missing.yaml", "cannot be read (No such file or directory)"),
+        (tmp_path / "latin.yaml", "is not UTF-8 text"),
+        (tmp_path, "cannot be read (Is a directory)"),
+        ("train_smok", "no such configuration: use a path ending in .yaml, or one of defaults, "),
+    ):
+        with pytest.raises(ConfigError) as raised:
+            load([path])
+        assert str(raised.value).startswith(f"{path}: {message}")
+
+
+def test_deep_nesting_is_refused_not_crashed(tmp_path: Path):
+    with pytest.raises(ConfigError, match="is not valid YAML|must be"):
+        load([written("name: " + "[" * 5000, tmp_path)])
+
+
+def test_bounds_are_part_of_the_range():
+    for key, field in SCHEMA.items():
+        if field.kind in (int, float) and not field.many and math.isfinite(field.low):
+            extra = ["sac.batch_size=1"] if key == "sac.buffer_size" else ["sac.buffer_size=1e9"]
+            for bound in (field.low, field.high):
+                load(sets=[*extra, f"{key}={bound!r}"])
+            with pytest.raises(ConfigError, match=key):
+                load(sets=[*extra, f"{key}={field.high * 2!r}"])
