@@ -122,3 +122,21 @@ class Episodes:
     def steps(self, i: int) -> int:
         """Actions taken in episode ``i``, invalid ones included."""
         return int(self._fronts.count[i, fr.STEPS])
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that the next step depends on; arrays to be given back to ``set_state``."""
+        names = [*fr.Front._fields, *transition.Outcome._fields, "domain_of"]
+        return dict(zip(names, (array.copy() for array in (*self._fronts, *self.out, self.domain_of)), strict=True))
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Go on where ``get_state`` was taken, with the same domains, parameters and batch.
+
+        Raises:
+            ValueError: the state is of other sizes.
+        """
+        targets = self.get_state()
+        if {k: v.shape for k, v in targets.items()} != {k: v.shape for k, v in state.items()}:
+            raise ValueError("the state is of episodes with other domains, parameters or batch size")
+        arrays = (*self._fronts, *self.out, self.domain_of)
+        for name, array in zip(targets, arrays, strict=True):
+            array[:] = state[name]

@@ -35,7 +35,7 @@ def burst(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
     tips = step * (np.arange(spikes) + rng.uniform(-0.2, 0.2, spikes))
     valleys = 0.5 * (tips + np.append(tips[1:], tips[0] + 2 * np.pi)) + step * rng.uniform(-0.12, 0.12, spikes)
     # A convex polygon's valleys are the middles of its sides; the spikier, the deeper below them.
-    depth = np.cos(0.5 * step) * (1.0 - spikiness * rng.uniform(0.3, 0.6, spikes))
+    depth = np.cos(0.5 * step) * (1.0 - spikiness * rng.uniform(0.35, 0.65, spikes))
     reach = rng.uniform(1.0 - 0.3 * spikiness, 1.0, spikes)
     corner = bool(rng.random() < 0.5)
     controls = []
@@ -47,8 +47,8 @@ def burst(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
 
 def convex(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
     """The hull of points on an ellipse, its corners kept: the fewer points, the sharper."""
-    count = max(3, round((1.0 - spikiness) * min(detail + 3, 9)))
-    angles = 2 * np.pi * (np.arange(count) + rng.uniform(0.0, 0.7, count)) / count
+    count = int(rng.integers(3, 5 + round((1.0 - spikiness) * min(detail + 2, 6))))
+    angles = 2 * np.pi * (np.arange(count) + rng.uniform(0.0, 0.6, count)) / count
     across = rng.uniform(0.45, 1.0)
     return spline([(np.cos(a), across * np.sin(a), 1) for a in angles])
 
@@ -79,7 +79,9 @@ def notched(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
         depth = height * rng.uniform(0.3, 0.4 + 0.4 * spikiness)
         mouth = rng.uniform(0.25, 0.45) * (1.3 - 0.6 * spikiness)
         floor = mouth * rng.uniform(0.0, 1.0) * (rng.random() < 0.5)
-        wedge = shapely.Polygon([(1.6, -1.6 * mouth), (1.6, 1.6 * mouth), (1.0 - depth, floor / 2), (1.0 - depth, -floor / 2)])
+        wedge = shapely.Polygon(
+            [(1.6, -1.6 * mouth), (1.6, 1.6 * mouth), (1.0 - depth, floor / 2), (1.0 - depth, -floor / 2)]
+        )
         placed = affinity.rotate(wedge if wedge.is_valid else wedge.convex_hull, np.degrees(angle), origin=(0.0, 0.0))
         shape = shape.difference(affinity.scale(placed, 1.0, height, origin=(0.0, 0.0)))
     return exterior(shape)
@@ -93,12 +95,32 @@ def strip(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
     heading = turn * t + 0.5 * (other - turn) * t**2
     along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     line = np.concatenate([[[0.0, 0.0]], np.cumsum(0.5 * (along[1:] + along[:-1]), axis=0) / (len(t) - 1)])
-    width = rng.uniform(0.06, 0.13) * (1.0 + 0.45 * spikiness * np.sin(2 * np.pi * rng.integers(1, 3) * t + rng.uniform(0, 6)))
+    width = rng.uniform(0.06, 0.13) * (
+        1.0 + 0.45 * spikiness * np.sin(2 * np.pi * rng.integers(1, 3) * t + rng.uniform(0, 6))
+    )
     if rng.random() < spikiness:
-        width = width * np.minimum(1.0, (1.0 - t) / rng.uniform(0.2, 0.5) + 0.02)
+        width = width * np.minimum(1.0, (1.0 - t) / rng.uniform(0.2, 0.5))
     across = width[:, None] * np.stack([-along[:, 1], along[:, 0]], axis=1)
     ends = 2.0 * np.concatenate([line - across, (line + across)[::-1]])
     return exterior(shapely.Polygon(ends))
+
+
+def chain(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
+    """Discs and regular polygons in a row, joined by bars: the spikier, the narrower these bottlenecks."""
+    links = int(rng.integers(2, 3 + min(detail // 2, 3)))
+    heading = np.cumsum(rng.uniform(-0.8, 0.8, links))
+    centres = np.cumsum(
+        rng.uniform(0.8, 1.2, links)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0
+    )
+    radii = rng.uniform(0.3, 0.5, links)
+    pieces = []
+    for centre, radius in zip(centres, radii, strict=True):
+        sides = int(rng.integers(3, 7)) if rng.random() < 0.2 + 0.5 * spikiness else 120
+        angles = 2 * np.pi * (np.arange(sides) + rng.random()) / sides
+        pieces.append(shapely.Polygon(centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)))
+    bar = float(radii.min()) * (0.65 - 0.4 * spikiness) * rng.uniform(0.7, 1.0)
+    pieces.append(shapely.LineString(centres).buffer(bar, cap_style="flat", join_style="mitre"))
+    return exterior(shapely.union_all(pieces))
 
 
 def exterior(shape: shapely.Geometry) -> Floats:
@@ -115,4 +137,4 @@ def exterior(shape: shapely.Geometry) -> Floats:
     return (ring[:, None] * (1.0 - t)[:, None] + ahead[:, None] * t[:, None]).reshape(-1, 2)
 
 
-FAMILIES: tuple[Family, ...] = (blob, burst, convex, plate, notched, strip)
+FAMILIES: tuple[Family, ...] = (blob, burst, convex, plate, notched, strip, chain)

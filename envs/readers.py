@@ -104,14 +104,22 @@ def polygons_of_geojson(data: Any, source: str) -> list[Any]:
     if kind == "Polygon":
         return [data.get("coordinates")]
     if kind == "MultiPolygon":
-        return list(data.get("coordinates") or [])
+        return members(data, "coordinates", source)
     if kind == "Feature":
         return polygons_of_geojson(data.get("geometry"), source)
     if kind in ("FeatureCollection", "GeometryCollection"):
-        members = data.get("features" if kind == "FeatureCollection" else "geometries") or []
-        return [polygon for member in members for polygon in polygons_of_geojson(member, source)]
+        key = "features" if kind == "FeatureCollection" else "geometries"
+        return [polygon for member in members(data, key, source) for polygon in polygons_of_geojson(member, source)]
     named = f"type {kind!r}" if kind else "an object without a type"
     raise DomainError(f"{source}: GeoJSON {named} where a Polygon is needed; give a Polygon or a Feature with one")
+
+
+def members(data: dict[str, Any], key: str, source: str) -> list[Any]:
+    """The list under a key of a GeoJSON object."""
+    found = data.get(key)
+    if not isinstance(found, list):
+        raise DomainError(f"{source}: {key!r} of the GeoJSON {data['type']} is no list; give one with a Polygon in it")
+    return found
 
 
 def rings_of_wkt(text: str, source: str) -> Rings:

@@ -128,7 +128,10 @@ def outline(rings: Sequence[Floats], source: str) -> Outline:
     """The graph of several rings that share no points."""
     counts = [len(ring) for ring in rings]
     starts = np.concatenate([[0], np.cumsum(counts)])
-    edges = [np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1) + start for n, start in zip(counts, starts, strict=False)]
+    edges = [
+        np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1) + start
+        for n, start in zip(counts, starts, strict=False)
+    ]
     return Outline(
         source=source,
         points=np.concatenate(rings),

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from envs.rings import Outline, check_crossings, odd_message, oriented, place, signed_area
+from envs.rings import Outline, check_crossings, close_pairs, extent, odd_message, oriented, place, signed_area
 from envs.types import RELATIVE_TOLERANCE, Domain, DomainError, Floats, Ints
 
 
@@ -128,6 +128,12 @@ def opened(name: str, ring: Floats, fix_parity: bool = False) -> Domain:
         DomainError: a pinch, a slit, a crossing, or an odd count without ``fix_parity``.
     """
     points, walk = distinct(ring)
+    for i, j in close_pairs(points, RELATIVE_TOLERANCE * extent(points)):
+        a, b = (int(np.flatnonzero(walk == k)[0]) for k in (i, j))
+        raise DomainError(
+            f"{name}: outer ring, vertex {b} at {place(points[j])} repeats vertex {a} but for rounding: "
+            "a pinch; make the two sides of a seam equal number for number, or move one of the two"
+        )
     seam = seam_edges(walk)
     check_pinches(name, ring, walk, seam)
     ahead = np.roll(walk, -1)
@@ -215,7 +221,9 @@ def check_inside_left(name: str, points: Floats, walk: Ints, number: Ints) -> No
     for v, visits in leaving.items():
         if len(visits) == 1:
             continue
-        spokes = sorted({int(ahead[i]) for i in visits}, key=lambda w: float(np.arctan2(*(points[w] - points[v])[::-1])))
+        ends = np.unique([ahead[visits], behind[visits]])
+        directions = points[ends] - points[v]
+        spokes = ends[np.argsort(np.arctan2(directions[:, 1], directions[:, 0]))].tolist()
         after = dict(zip(spokes, [*spokes[1:], spokes[0]], strict=True))
         for i in visits:
             if after[int(ahead[i])] != int(behind[i]):

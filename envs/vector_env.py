@@ -110,6 +110,23 @@ class MeshVectorEnv(VectorEnv):
             return None
         return tuple(draw_episode(self.episodes, i) for i in range(self.num_envs))
 
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the next step depends on, for a checkpoint in mid-episode."""
+        return {
+            "episodes": self.episodes.get_state(),
+            "ended": self._ended.copy(),
+            "randoms": [random.bit_generator.state for random in self._randoms],
+            "task": self.task.get(),
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on where ``get_state`` was taken."""
+        self.episodes.set_state(state["episodes"])
+        self._ended = state["ended"].copy()
+        for random, saved in zip(self._randoms, state["randoms"], strict=True):
+            random.bit_generator.state = saved
+        self.task.set(state["task"])
+
     def _begin(self, i: int) -> None:
         self.episodes.start(i, self.task.draw(self._randoms[i]))
 

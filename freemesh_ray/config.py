@@ -234,7 +234,7 @@ def _file(source: str | Path) -> list[_Entry]:
     root = _composed(text, name)
     if root is None:
         raise ConfigError(f"{name}:1: is empty: list the keys that differ from the defaults, or leave the file out")
-    return _unique(_entries(root, "", name, file=True))
+    return _unique(_entries(root, "", name, line=1))
 
 
 def _set(text: str) -> list[_Entry]:
@@ -243,7 +243,7 @@ def _set(text: str) -> list[_Entry]:
     place = f"--set {text}"
     if not equals or not key.strip():
         raise ConfigError(f"{place}: is not key=value: write for example sac.gamma=0.95")
-    return _unique(_entries(_composed(value, place) or yaml.ScalarNode(_NULL, ""), key.strip(), place, file=False))
+    return _unique(_entries(_composed(value, place) or yaml.ScalarNode(_NULL, ""), key.strip(), place, line=None))
 
 
 _NULL = "tag:yaml.org,2002:null"
@@ -260,16 +260,17 @@ def _composed(text: str, place: str) -> yaml.Node | None:
         raise ConfigError(f"{place}{line}: is not valid YAML: {problem}") from error
 
 
-def _entries(node: yaml.Node, key: str, place: str, file: bool) -> Iterator[_Entry]:
-    """Every setting below ``node``, which is what stands at ``key`` ("" at the root)."""
-    here = f"{place}:{node.start_mark.line + 1}" if file else place
+def _entries(node: yaml.Node, key: str, place: str, line: int | None) -> Iterator[_Entry]:
+    """Every setting below ``node``, which is what stands at ``key`` ("" at the root), on ``line`` of a file."""
+    here = place if line is None else f"{place}:{line}"
     if key in SCHEMA:
         yield _Entry(key, _value(node, key, here), here)
     elif key and key not in SECTIONS:
         raise ConfigError(f"{here}: {key}: unknown key{_nearest(key)}")
     elif isinstance(node, yaml.MappingNode):
         for name, child in node.value:
-            yield from _entries(child, f"{key}.{name.value}" if key else str(name.value), place, file)
+            below = None if line is None else name.start_mark.line + 1
+            yield from _entries(child, f"{key}.{name.value}" if key else str(name.value), place, below)
     elif not (key and node.tag == _NULL):  # a section with everything in it commented out is no mistake
         what = f"{key}: is a section" if key else "the file is a list or a scalar"
         raise ConfigError(f"{here}: {what}: write keys below it, for example {_example(key)}")

@@ -257,7 +257,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):
 
 
 def test_deep_nesting_is_refused_not_crashed(tmp_path: Path):
-    with pytest.raises(ConfigError, match="is not valid YAML|must be"):
+    with pytest.raises(ConfigError, match=r"is not valid YAML|must be"):
         load([written("name: " + "[" * 5000, tmp_path)])
 
 

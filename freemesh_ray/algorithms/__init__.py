@@ -1,0 +1,1 @@
+"""The learning algorithms, as RLlib algorithms on one interface."""

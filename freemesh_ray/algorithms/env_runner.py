@@ -1,0 +1,152 @@
+"""The rollout worker: steps a batch of environments and returns flat transitions, not episode objects.
+
+``collect`` is what training uses. RLlib's own ``sample`` is inherited and still works.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
+
+from freemesh_ray.algorithms import squashed_gaussian
+from freemesh_ray.algorithms.replay_buffer import Transitions, concatenate
+
+
+class Episode(NamedTuple):
+    """What is kept of an episode that ended.
+
+    Attributes:
+        domain: its name; empty for environments that have none.
+        length: env steps.
+        episode_return: undiscounted sum of rewards.
+        completed: whether the mesh was finished (for other environments: whether the episode terminated).
+        elements: elements cut.
+        mean_eta: their mean quality, [0, 1].
+    """
+
+    domain: str
+    length: int
+    episode_return: float
+    completed: bool
+    elements: int
+    mean_eta: float
+
+
+class Collected(NamedTuple):
+    """One call's harvest: transitions in the order they happened, and the episodes that ended."""
+
+    transitions: Transitions
+    episodes: list[Episode]
+
+
+class TransitionEnvRunner(SingleAgentEnvRunner):
+    """A SingleAgentEnvRunner with a batched ``collect``."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        torch.set_num_threads(1)
+        seed = self.config.seed
+        self._random = np.random.default_rng(None if seed is None else [seed, self.worker_index or 0])
+        self._obs: np.ndarray | None = None
+        self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+        self._returns = np.zeros(self.num_envs)
+        self._lengths = np.zeros(self.num_envs, dtype=np.int64)
+
+    def collect(self, rounds: int, *, uniform: bool = False, task: Mapping[str, float] | None = None) -> Collected:
+        """Take ``rounds`` steps in every environment.
+
+        Args:
+            rounds: steps of each environment.
+            uniform: draw actions uniformly from the action space (the warm-up) in place of the policy.
+            task: which domains new episodes are drawn from, with weights; None leaves it as it is. Sent with every
+                call, so that a worker that was started anew needs no second message.
+        """
+        env = self.env.unwrapped
+        if task is not None:
+            env.task.set(task)
+        if self._obs is None:
+            self._begin(env)
+        parts: list[Transitions] = []
+        episodes: list[Episode] = []
+        for _ in range(rounds):
+            obs = self._obs
+            assert obs is not None
+            actions = self._uniform_actions(env) if uniform else self._policy_actions(obs)
+            next_obs, rewards, terminated, truncated, infos = env.step(actions)
+            # The step after an end only resets (NEXT_STEP): it is no transition.
+            live = ~self._ended
+            parts.append(
+                Transitions(
+                    obs[live], actions[live], rewards[live].astype(np.float32),
+                    next_obs[live], terminated[live].astype(np.float32),
+                )
+            )  # fmt: skip
+            self._returns[live] += rewards[live]
+            self._lengths[live] += 1
+            self._ended = terminated | truncated
+            for i in np.flatnonzero(self._ended):
+                episodes.append(self._episode(int(i), bool(terminated[i]), infos))
+                self._returns[i], self._lengths[i] = 0.0, 0
+            self._obs = next_obs
+        # An inherited sample() would find the environments in mid-episode.
+        self._needs_initial_reset = True
+        return Collected(concatenate(parts), episodes)
+
+    def sample(self, **kwargs: Any) -> Any:
+        """RLlib's own sampling, in episodes; ``collect`` then begins afresh."""
+        self._obs = None
+        return super().sample(**kwargs)
+
+    def rollout_state(self) -> dict[str, Any]:
+        """All that the next ``collect`` depends on besides the weights."""
+        return {
+            "env": self.env.unwrapped.get_state() if hasattr(self.env.unwrapped, "get_state") else None,
+            "obs": None if self._obs is None else self._obs.copy(),
+            "ended": self._ended.copy(),
+            "returns": self._returns.copy(),
+            "lengths": self._lengths.copy(),
+            "random": self._random.bit_generator.state,
+        }
+
+    def set_rollout_state(self, state: dict[str, Any]) -> None:
+        """Go on where ``rollout_state`` was taken; with another number of environments, begin new episodes."""
+        self._random.bit_generator.state = state["random"]
+        if state["env"] is None or len(state["ended"]) != self.num_envs:
+            self._obs = None
+            return
+        self.env.unwrapped.set_state(state["env"])
+        self._obs, self._ended = state["obs"], state["ended"].copy()
+        self._returns, self._lengths = state["returns"].copy(), state["lengths"].copy()
+
+    def _begin(self, env: Any) -> None:
+        self._obs, _ = env.reset(seed=int(self._random.integers(2**31)))
+        self._ended[:] = False
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
+
+    def _uniform_actions(self, env: Any) -> np.ndarray:
+        space = env.single_action_space
+        draws = self._random.random((self.num_envs, *space.shape))
+        return (space.low + draws * (space.high - space.low)).astype(np.float32)
+
+    def _policy_actions(self, obs: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            outputs = self.module.actor(torch.from_numpy(obs))
+            noise = self._random.standard_normal((len(obs), outputs.shape[1] // 2), dtype=np.float32)
+            mean, log_std = squashed_gaussian.split(outputs)
+            return (mean + log_std.exp() * torch.from_numpy(noise)).tanh().numpy()
+
+    def _episode(self, i: int, terminated: bool, infos: dict[str, Any]) -> Episode:
+        told = "mesh" in infos
+        return Episode(
+            domain=str(infos["domain"][i]) if told else "",
+            length=int(self._lengths[i]),
+            episode_return=float(self._returns[i]),
+            completed=bool(infos["completed"][i]) if told else terminated,
+            elements=int(infos["elements"][i]) if told else 0,
+            mean_eta=float(infos["mean_eta"][i]) if told else 0.0,
+        )
