@@ -125,7 +125,7 @@ def discretise(outline: Floats, n: int, spacing: Spacing = even) -> Floats:
 
 
 def shares(weights: Floats, n: int) -> Ints:
-    """Split n whole numbers in proportion to the weights, each at least one, by the largest quotients (Sainte-Lague)."""
+    """Shares of n in proportion to the weights, (len(weights),), each at least one (Sainte-Lague's quotients)."""
     counts = np.ones(len(weights), dtype=np.int64)
     for _ in range(n - len(weights)):
         counts[np.argmax(weights / (counts + 0.5))] += 1

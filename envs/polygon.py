@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from envs import seam
+from envs import given_seam, seam
 from envs.rings import as_ring, check_crossings, check_distinct, check_nesting, outline, with_even_count
 from envs.types import Domain, DomainError
 
@@ -61,7 +61,7 @@ def from_ring_with_seam(ring: ArrayLike, name: str = "polygon", *, fix_parity: b
     vertices = as_ring(ring, name)
     if len(np.unique(vertices, axis=0)) == len(vertices):
         return from_rings(vertices, (), name, fix_parity=fix_parity)
-    return seam.opened(name, vertices, fix_parity)
+    return given_seam.opened(name, vertices, fix_parity)
 
 
 def from_ring_list(rings: Sequence[ArrayLike], name: str, *, fix_parity: bool = False) -> Domain:

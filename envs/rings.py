@@ -1,7 +1,7 @@
 """Checks of the rings a polygon is given by: what cannot be meshed is named with its place and the fix.
 
-Letters: a ring is (n, 2) float64, its vertex ``i`` is row ``i`` as given, its segment ``i`` runs from vertex ``i`` to the
-next one. Everything within ``RELATIVE_TOLERANCE`` of the domain's diameter counts as touching.
+A ring is (n, 2) float64; its vertex ``i`` is row ``i`` as given, its segment ``i`` runs from vertex ``i`` to the next.
+Everything within ``RELATIVE_TOLERANCE`` of the domain's diameter counts as touching.
 """
 
 from __future__ import annotations
@@ -189,9 +189,10 @@ def crossing_message(whole: Outline, a: int, b: int, lines: np.ndarray) -> str:
             f"{whole.source}: {ring_name(ring_a)} crosses itself: segments {whole.number[a]} and {whole.number[b]} "
             f"meet at {place(meeting)}; move a vertex so that they do not meet"
         )
+    other = "the outer ring" if ring_a == 0 else ring_name(ring_a)
     return (
-        f"{whole.source}: {ring_name(ring_b)} crosses or touches {'the ' * (ring_a == 0)}{ring_name(ring_a)}: its segment "
-        f"{whole.number[b]} meets segment {whole.number[a]} at {place(meeting)}; move the hole clear"
+        f"{whole.source}: {ring_name(ring_b)} crosses or touches {other}: its segment {whole.number[b]} meets "
+        f"segment {whole.number[a]} at {place(meeting)}; move the hole clear"
     )
 
 

@@ -37,7 +37,7 @@ class Field:
         low, high: inclusive range of numbers.
         words: texts that are accepted; for a number, in its place. Empty: any text that is not blank.
         optional: whether null is accepted.
-        many: a list of one or more values in place of one.
+        many: a list of one or more values in place of one; with ``distinct``, none of them twice.
         pattern: what a text must match as a whole, with ``hint`` saying it in words.
     """
 
@@ -47,6 +47,7 @@ class Field:
     words: tuple[str, ...] = ()
     optional: bool = False
     many: bool = False
+    distinct: bool = False
     pattern: str = r"(?s).*\S.*"
     hint: str = "text"
 
@@ -56,7 +57,7 @@ class Field:
         plain = {bool: "true or false", int: f"a whole number{span}", float: f"a number{span}", str: self.hint}
         choices = ([] if self.kind is str and self.words else [plain[self.kind]]) + list(self.words)
         one = " or ".join([*choices, *(["null"] if self.optional else [])])
-        return f"a list of one or more, each {one}" if self.many else one
+        return f"a list of one or more{' different values' if self.distinct else ''}, each {one}" if self.many else one
 
 
 TINY = 1e-9
@@ -81,11 +82,11 @@ SCHEMA: dict[str, Field] = {
     "env.type2": Field(bool),
     "env.max_invalid": Field(int, 1, 10**9),
     "env.max_elements": Field(int, 1, COUNT, optional=True),
-    "curriculum.stages": Field(str, many=True),
-    "curriculum.promote_at": Field(float, 0, 1),
+    "curriculum.stages": Field(str, many=True, distinct=True),
+    "curriculum.promote_at": Field(float, TINY, 1),
     "curriculum.window": Field(int, 1, 10**6),
     "curriculum.max_stage_steps": Field(int, 1, COUNT),
-    "curriculum.rehearsal": Field(float, 0, 1),
+    "curriculum.rehearsal": Field(float, 0, 0.99),
     "sac.buffer_size": Field(int, 1, 10**9),
     "sac.batch_size": Field(int, 1, 10**6),
     "sac.gamma": Field(float, 0, 1),
@@ -321,7 +322,9 @@ def _checked(entry: _Entry) -> Any:
         if not field.many:
             return _fitted(value, field)
         if isinstance(value, list) and value:
-            return [_fitted(item, field) for item in value]
+            items = [_fitted(item, field) for item in value]
+            if not field.distinct or len(set(items)) == len(items):
+                return items
     except (ValueError, OverflowError):
         pass
     quote = ": put it in quotes" if field.kind is str and isinstance(value, int | float) else ""

@@ -50,8 +50,14 @@ METRICS_PER_BATCH, PARAMS_PER_BATCH, VALUE_LENGTH, KEY_LENGTH = 1000, 100, 500, 
 #: Journal lines read at a time.
 LINES = 1000
 
-#: One try and a short wait: the thread has its own schedule of retries. MLflow's defaults block for minutes.
-HTTP = {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0", "MLFLOW_HTTP_REQUEST_TIMEOUT": "10", "MLFLOW_DISABLE_TELEMETRY": "true"}
+#: One try and a short wait: the thread has its own schedule of retries, MLflow's defaults block for minutes. And no
+#: reports to its makers, nor addresses printed between the lines of a training run.
+ENVIRONMENT = {
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
+    "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
+}
 #: The store understood and refused: sending the same again is of no use.
 REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST"}
 PACKAGES = ("ray", "torch", "gymnasium", "numpy", "numba", "mlflow")
@@ -486,9 +492,8 @@ class _Courier:
         """The client, connected at first use."""
         if self._client is None:
             uri = self.journal.state.uri
-            if uri.startswith(SQLITE):
-                Path(uri.removeprefix(SQLITE)).parent.mkdir(parents=True, exist_ok=True)
-            self._client = _mlflow()(uri)
+            with _one_at_a_time(uri):
+                self._client = _mlflow()(uri)
         return self._client
 
     def _experiment(self) -> str:
@@ -507,13 +512,26 @@ class _Courier:
 
 def _mlflow() -> Any:
     """MLflow's client class; imported late because that takes seconds."""
-    for name, value in HTTP.items():
+    for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     for noisy in ("alembic", "mlflow.store.db.utils"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
     from mlflow import MlflowClient
 
     return MlflowClient
+
+
+@contextmanager
+def _one_at_a_time(uri: str) -> Iterator[None]:
+    """Processes that open a new sqlite store together would all make its tables and trip each other."""
+    if not uri.startswith(SQLITE):
+        yield
+        return
+    path = Path(uri.removeprefix(SQLITE))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.with_name(f"{path.name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 @contextmanager

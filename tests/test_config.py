@@ -30,7 +30,8 @@ DEFAULTS_TEXT = (resources.files("tune_configs") / "defaults.yaml").read_text(en
 def values_of(key: str, field: Field) -> st.SearchStrategy:
     """Every kind of value that ``field`` accepts."""
     if field.many:
-        return st.lists(values_of(key, Field(field.kind, field.low, field.high, field.words)), min_size=1, max_size=4)
+        item = values_of(key, Field(field.kind, field.low, field.high, field.words))
+        return st.lists(item, min_size=1, max_size=4, unique=field.distinct)
     if field.kind is bool:
         one: st.SearchStrategy = st.booleans()
     elif field.kind is int:
@@ -199,7 +200,8 @@ BAD_SETS = [
     ("sac.target_entropy=automatic", 'sac.target_entropy: must be a number in [-1000, 1000] or auto, not "automatic"'),
     ("sac.hidden=64", "sac.hidden: must be a list of one or more, each a whole number in [1, 65536], not 64"),
     ("sac.hidden=[]", "sac.hidden: must be a list of one or more, each a whole number in [1, 65536], not []"),
-    ("curriculum.stages=['']", 'curriculum.stages: must be a list of one or more, each text, not [""]'),
+    ("curriculum.stages=['']", "curriculum.stages: must be a list of one or more different values, each text, not"),
+    ("curriculum.stages=[T1, T1]", "curriculum.stages: must be a list of one or more different values, each text, not"),
     ("name=42", "name: must be text of letters, digits and . _ -, not 42: put it in quotes"),
     ("name=../up", 'name: must be text of letters, digits and . _ -, not "../up"'),
     ("name='..'", 'name: must be text of letters, digits and . _ -, not ".."'),

@@ -102,10 +102,7 @@ def test_artifacts_lie_beside_the_database(tmp_path: Path, uri: str):
         run.metrics({"after": 1}, 1)
     place = tmp_path / "mlartifacts" / str(run.run_id) / "artifacts"
     assert only_run(uri).info.artifact_uri == place.as_uri()
-    assert sorted(path.relative_to(place).as_posix() for path in place.rglob("*.svg")) == [
-        "meshes/mesh.svg",
-        "mesh.svg",
-    ]
+    assert {path.relative_to(place).as_posix() for path in place.rglob("*.svg")} == {"meshes/mesh.svg", "mesh.svg"}
     assert history(uri, "after") == [(1, 1)]
 
 
@@ -176,6 +173,19 @@ def test_runs_of_one_store_may_begin_at_the_same_time(tmp_path: Path, uri: str):
     ]
 
 
+def test_processes_may_make_a_store_together(tmp_path: Path):
+    uri = f"sqlite:///{tmp_path}/new/mlflow.db"
+    code = (
+        "import sys; from freemesh_ray.tracking import Run\n"
+        "with Run(sys.argv[1], uri=sys.argv[2], experiment='test', name='x', flush_seconds=30) as run: pass\n"
+        "sys.exit(run.run_id is None)"
+    )
+    root = Path(__file__).parents[1]
+    both = [subprocess.Popen([sys.executable, "-c", code, f"{tmp_path}/{i}", uri], cwd=root) for i in range(2)]
+    assert [process.wait(60) for process in both] == [0, 0]
+    assert [run.info.status for run in runs(uri)] == ["FINISHED", "FINISHED"]
+
+
 def test_a_disabled_run_does_nothing(tmp_path: Path, uri: str):
     with started(tmp_path / "run", uri, enabled=False) as run:
         run.metrics({"x": 1}, 1)
@@ -207,10 +217,10 @@ def test_provenance_without_git(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_resumed_run_goes_on_and_sends_nothing_twice(tmp_path: Path, uri: str):
-    with pytest.raises(RuntimeError), started(tmp_path / "run", uri, params={"a": 1, "b": 2}) as run:
-        for step in range(5):
-            run.metrics({"loss": step}, step)
-        raise RuntimeError
+    run = started(tmp_path / "run", uri, params={"a": 1, "b": 2})
+    for step in range(5):
+        run.metrics({"loss": step}, step)
+    run.close("FAILED")
     with started(tmp_path / "run", uri, params={"a": 1, "b": 3, "c": 4}, run_id=run.run_id) as again:
         assert again.run_id == run.run_id
         for step in range(3, 8):

@@ -1,0 +1,80 @@
+"""How good a policy is: the paper's evaluation episodes, deterministic and stochastic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.episodes import Episodes
+from envs.mesh import Mesh
+from envs.types import Domain
+from freemesh_ray.policy import Policy
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """One evaluation episode.
+
+    Attributes:
+        mesh: what was cut.
+        episode_return: undiscounted sum of rewards.
+        steps: actions, invalid ones included.
+        mean_eta: mean element quality, [0, 1].
+    """
+
+    mesh: Mesh
+    episode_return: float
+    steps: int
+    mean_eta: float
+
+    @property
+    def completed(self) -> bool:
+        """Whether the mesh fills its domain."""
+        return self.mesh.complete
+
+    @property
+    def invalid(self) -> int:
+        """Actions that were rejected: all but one an element, and the last action of a mesh cuts two."""
+        return self.steps - len(self.mesh.quads) + int(self.completed)
+
+
+def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: bool, seed: int) -> list[Evaluated]:
+    """Mesh a domain several times, side by side.
+
+    Args:
+        policy: with the MDP's parameters that it was trained on.
+        domain: what to mesh.
+        episodes: how many times, >= 1.
+        stochastic: draw every action; otherwise take the squashed mean, and draw only where the last action was
+            invalid (the front is unchanged, so the mean would be rejected again).
+        seed: of the draws.
+
+    Returns:
+        One result an episode, in order.
+    """
+    batch = Episodes([domain], policy.parameters, episodes)
+    random = np.random.default_rng(seed)
+    for i in range(episodes):
+        batch.start(i, 0)
+    over = np.zeros(episodes, dtype=np.bool_)
+    draw = np.full(episodes, stochastic)
+    while not over.all():
+        out = batch.step(policy.act(batch.out.observation, draw, random), skip=over)
+        if not stochastic:
+            draw = out.rejection > 0
+        over |= out.terminated | out.truncated
+    return [
+        Evaluated(batch.mesh(i), batch.episode_return(i), batch.steps(i), batch.mean_eta(i)) for i in range(episodes)
+    ]
+
+
+def summary(results: list[Evaluated]) -> dict[str, float]:
+    """Means over episodes: return, completion rate, elements, element quality, invalid actions."""
+    return {
+        "return": float(np.mean([result.episode_return for result in results])),
+        "completion_rate": float(np.mean([result.completed for result in results])),
+        "elements": float(np.mean([len(result.mesh.quads) for result in results])),
+        "element_quality": float(np.mean([result.mean_eta for result in results])),
+        "invalid": float(np.mean([result.invalid for result in results])),
+    }

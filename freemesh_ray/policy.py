@@ -1,0 +1,103 @@
+"""A trained policy on its own: the actor's weights and what they expect, in one file that needs neither Ray nor torch.
+
+The file is a NumPy archive: ``weight_0``, ``bias_0``, .. and ``about``, a JSON text with the MDP's parameters and
+whatever is worth knowing of the training.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.types import MeshingParameters
+
+Layer = tuple[np.ndarray, np.ndarray]
+LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
+
+
+class PolicyError(ValueError):
+    """A policy file that cannot be used; the message names the file and the fix."""
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A squashed-Gaussian actor.
+
+    Attributes:
+        layers: (weight (inputs, outputs), bias (outputs,)) float32; ReLU between, 2 x action size outputs at the end:
+            mean and log of the deviation before tanh.
+        parameters: the MDP that it was trained on.
+        about: where it comes from (config, seed, git commit, scores ...); JSON values.
+    """
+
+    layers: Sequence[Layer]
+    parameters: MeshingParameters
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        inputs, outputs = self.layers[0][0].shape[0], self.layers[-1][0].shape[1]
+        expected = (self.parameters.observation_size, 2 * self.parameters.action_size)
+        if (inputs, outputs) != expected:
+            raise PolicyError(f"the policy's network is {inputs} -> {outputs}, its parameters need {expected}")
+
+    def _outputs(self, obs: np.ndarray) -> np.ndarray:
+        x = obs
+        for weight, bias in self.layers[:-1]:
+            x = np.maximum(x @ weight + bias, 0.0)
+        weight, bias = self.layers[-1]
+        return x @ weight + bias
+
+    def act(self, obs: np.ndarray, sample: np.ndarray | bool, random: np.random.Generator) -> np.ndarray:
+        """Actions for a batch.
+
+        Args:
+            obs: (batch, observation size) float32.
+            sample: for each row, or for all, whether to draw from the distribution or take its squashed mean.
+            random: where the noise comes from.
+
+        Returns:
+            (batch, action size) float32 in [-1, 1].
+        """
+        mean, log_std = np.split(self._outputs(obs), 2, axis=1)
+        noise = random.standard_normal(mean.shape, dtype=np.float32)
+        noise *= np.broadcast_to(np.asarray(sample), len(obs))[:, None]
+        return np.tanh(mean + np.exp(np.clip(log_std, LOG_STD_MIN, LOG_STD_MAX)) * noise)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the policy to ``path``; the file appears whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        about = {"parameters": asdict(self.parameters), "about": dict(self.about)}
+        arrays = {f"weight_{i}": weight for i, (weight, _) in enumerate(self.layers)}
+        arrays |= {f"bias_{i}": bias for i, (_, bias) in enumerate(self.layers)}
+        partial = path.with_name(f".{path.name}.partial")
+        with open(partial, "wb") as file:
+            np.savez(file, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+        os.replace(partial, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Policy:
+        """Read a policy.
+
+        Raises:
+            PolicyError: no such file, or not a policy.
+        """
+        if not Path(path).is_file():
+            raise PolicyError(f"{path}: no such policy file; train one with `freemesh train`, or check the path")
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                about = json.loads(str(archive["about"]))
+                count = sum(name.startswith("weight_") for name in archive.files)
+                layers = [(archive[f"weight_{i}"], archive[f"bias_{i}"]) for i in range(count)]
+            return cls(layers, MeshingParameters(**about["parameters"]), about["about"])
+        except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise PolicyError(
+                f"{path}: not a policy file ({error}); give the policy.npz that a training wrote"
+            ) from error

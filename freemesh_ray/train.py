@@ -1,0 +1,400 @@
+"""The main job: train, evaluate, checkpoint, keep the best policy; then mesh every stage with it.
+
+    build -> [ train -> evaluate every interval -> checkpoint every interval ] -> mesh, draw, export
+
+`Training` is the loop; it is given an algorithm, so that a test can hand it a fake. `train` is the whole job.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from envs.domain import load
+from envs.mesh import Mesh
+from envs.types import Domain
+from freemesh_ray import checkpoint, export, plots
+from freemesh_ray.config import dump, flatten, meshing_parameters
+from freemesh_ray.evaluate import run_episodes, summary
+from freemesh_ray.mesher import MeshingError, mesh
+from freemesh_ray.metrics import measure
+from freemesh_ray.policy import Policy
+from freemesh_ray.tracking import Run, provenance
+
+#: Episodes that the running figures of the progress line are means of.
+RECENT = 50
+
+
+class RunExistsError(RuntimeError):
+    """A run of this name is there already and was not asked to go on."""
+
+
+class Algorithm(Protocol):
+    """What the loop needs of a learning algorithm."""
+
+    env_steps: int
+    updates: int
+    curriculum: Any
+    finished: list[Any]
+
+    def train(self) -> dict[str, Any]:
+        """One iteration; a result tree as RLlib's."""
+
+    def actor_weights(self) -> list[tuple[Any, Any]]:
+        """Layers of the policy network."""
+
+    def save_to_path(self, path: str) -> Any:
+        """Write a checkpoint."""
+
+    def restore_from_path(self, path: str) -> Any:
+        """Read a checkpoint."""
+
+
+@dataclass
+class Progress:
+    """Where a training stands; saved in every checkpoint.
+
+    Attributes:
+        env_steps, updates: so far.
+        seconds: of training, over all its sessions.
+        evaluated_at: env steps at the last evaluation.
+        best: score of the best policy (completion rate, return), None before the first evaluation.
+        best_steps: env steps of the best policy.
+        run_id: MLflow's.
+    """
+
+    env_steps: int = 0
+    updates: int = 0
+    seconds: float = 0.0
+    evaluated_at: int = 0
+    best: list[float] | None = None
+    best_steps: int = 0
+    run_id: str | None = None
+
+
+@dataclass(frozen=True)
+class Status:
+    """One progress line's figures.
+
+    Attributes:
+        stage: name of the current domain.
+        env_steps, budget_steps: taken, and to take.
+        mean_return, completion_rate: over the last episodes; nan before there is one.
+        updates_per_second: since the last line.
+        seconds_left: estimate of the rest.
+    """
+
+    stage: str
+    env_steps: int
+    budget_steps: int
+    mean_return: float
+    completion_rate: float
+    updates_per_second: float
+    seconds_left: float
+
+
+@dataclass
+class Training:
+    """The loop over one algorithm.
+
+    Attributes:
+        algorithm: trained in place.
+        config: the resolved tree.
+        folder: the run's folder.
+        run: where metrics go.
+        report: called with a Status after every iteration.
+        note: called with a line of text at milestones.
+    """
+
+    algorithm: Algorithm
+    config: Mapping[str, Any]
+    folder: Path
+    run: Run
+    report: Callable[[Status], None] = lambda status: None
+    note: Callable[[str], None] = lambda line: None
+    progress: Progress = field(default_factory=Progress)
+
+    def __post_init__(self) -> None:
+        self._recent: deque[Any] = deque(maxlen=RECENT)
+        self._domains = [load(stage) for stage in self.config["curriculum"]["stages"]]
+        self._saved_at = 0
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the checkpoints."""
+        return self.folder / "checkpoints"
+
+    @property
+    def best_policy(self) -> Path:
+        """File of the best policy so far."""
+        return self.folder / "policy.npz"
+
+    def resume(self) -> bool:
+        """Go on from the newest checkpoint, if there is one."""
+        saved = checkpoint.found(self.checkpoints)
+        if not saved:
+            return False
+        self.progress = Progress(**checkpoint.restore(self.algorithm, saved[0]))
+        self._saved_at = self.progress.env_steps
+        self.note(f"going on from {saved[0]} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
+        return True
+
+    def save(self) -> Path:
+        """Write a checkpoint of this moment."""
+        self._saved_at = self.progress.env_steps
+        return checkpoint.save(
+            self.algorithm, vars(self.progress).copy(), self.checkpoints, self.config["checkpoint"]["keep"]
+        )
+
+    def done(self) -> bool:
+        """Whether the budget is spent."""
+        budget = self.config["budget"]
+        out_of_time = budget["minutes"] is not None and self.progress.seconds >= 60 * budget["minutes"]
+        return out_of_time or self.progress.env_steps >= budget["env_steps"]
+
+    def loop(self) -> None:
+        """Train until the budget is spent; evaluate and checkpoint on the way and at the end.
+
+        A KeyboardInterrupt saves a checkpoint before it goes on up.
+        """
+        try:
+            while not self.done():
+                self._iterate()
+                if self.progress.env_steps - self.progress.evaluated_at >= self.config["evaluation"]["interval"]:
+                    self.evaluate()
+                if self.progress.env_steps - self._saved_at >= self.config["checkpoint"]["interval"]:
+                    self.save()
+            if self.progress.evaluated_at < self.progress.env_steps:
+                self.evaluate()
+        except KeyboardInterrupt:
+            self.note(f"interrupted; saved {self.save()}")
+            raise
+        self.save()
+
+    def _iterate(self) -> None:
+        began, updates = time.monotonic(), self.algorithm.updates
+        stage = self.algorithm.curriculum.name
+        results = self.algorithm.train()
+        took = time.monotonic() - began
+        progress = self.progress
+        progress.env_steps, progress.updates = self.algorithm.env_steps, self.algorithm.updates
+        progress.seconds += took
+        self._recent.extend(self.algorithm.finished)
+        self._track(results, took, progress.updates - updates)
+        self.algorithm.finished.clear()
+        if self.algorithm.curriculum.name != stage:
+            self.note(f"stage {stage} -> {self.algorithm.curriculum.name} at {progress.env_steps:,} steps")
+        self.report(self._status((progress.updates - updates) / took))
+
+    def _status(self, updates_per_second: float) -> Status:
+        budget, progress = self.config["budget"], self.progress
+        share = progress.env_steps / budget["env_steps"]
+        left = progress.seconds * (1 / share - 1) if share else float("inf")
+        if budget["minutes"] is not None:
+            left = min(left, 60 * budget["minutes"] - progress.seconds)
+        recent = self._recent
+        return Status(
+            stage=self.algorithm.curriculum.name,
+            env_steps=progress.env_steps,
+            budget_steps=budget["env_steps"],
+            mean_return=float(np.mean([e.episode_return for e in recent])) if recent else float("nan"),
+            completion_rate=float(np.mean([e.completed for e in recent])) if recent else float("nan"),
+            updates_per_second=updates_per_second,
+            seconds_left=max(0.0, left),
+        )
+
+    def _track(self, results: dict[str, Any], took: float, updates: int) -> None:
+        values: dict[str, float] = {
+            "train/stage": self.algorithm.curriculum.stage,
+            "train/updates": self.progress.updates,
+            "train/seconds": self.progress.seconds,
+            "train/updates_per_second": updates / took,
+        }
+        ended = self.algorithm.finished
+        if ended:
+            values |= {
+                "train/return": float(np.mean([e.episode_return for e in ended])),
+                "train/completion_rate": float(np.mean([e.completed for e in ended])),
+                "train/episode_length": float(np.mean([e.length for e in ended])),
+                "train/elements": float(np.mean([e.elements for e in ended])),
+                "train/element_quality": float(np.mean([e.mean_eta for e in ended])),
+            }
+        learner = results.get("learners", {}).get("default_policy", {})
+        for name in ("critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean"):
+            if name in learner:
+                values[f"learner/{name}"] = float(learner[name])
+        self.run.metrics(values, step=self.progress.env_steps)
+
+    def policy(self, **about: Any) -> Policy:
+        """The policy as it is now."""
+        layers = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.actor_weights()]
+        return Policy(layers, meshing_parameters(self.config), {**provenance(), "config": dict(self.config), **about})
+
+    def evaluate(self) -> dict[str, float]:
+        """Ten episodes (``evaluation.episodes``) on every stage, deterministic and stochastic; keep the best policy.
+
+        The best is the one that completes most of the stages reached so far, deterministically, and of those the one
+        with the highest return.
+        """
+        policy, values = self.policy(), {}
+        for kind, stochastic in (("deterministic", False), ("stochastic", True)):
+            figures = [self._evaluate_on(policy, domain, stochastic) for domain in self._domains]
+            for domain, means in zip(self._domains, figures, strict=True):
+                values |= {f"eval_{kind}/{domain.name}/{name}": value for name, value in means.items()}
+            for name in figures[0]:
+                values[f"eval_{kind}/{name}"] = float(np.mean([means[name] for means in figures]))
+        self.progress.evaluated_at = self.progress.env_steps
+        self.run.metrics(values, step=self.progress.env_steps)
+        self._append({"env_steps": self.progress.env_steps, "seconds": round(self.progress.seconds, 1), **values})
+        score = [values["eval_deterministic/completion_rate"], values["eval_deterministic/return"]]
+        if self.progress.best is None or score >= self.progress.best:
+            self.progress.best, self.progress.best_steps = score, self.progress.env_steps
+            self.policy(env_steps=self.progress.env_steps, scores=values).save(self.best_policy)
+        return values
+
+    def _evaluate_on(self, policy: Policy, domain: Domain, stochastic: bool) -> dict[str, float]:
+        episodes = self.config["evaluation"]["episodes"]
+        return summary(run_episodes(policy, domain, episodes, stochastic=stochastic, seed=self.config["seed"]))
+
+    def _append(self, row: dict[str, Any]) -> None:
+        with open(self.folder / "evaluations.jsonl", "a") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+@dataclass(frozen=True)
+class Produced:
+    """One stage meshed with the best policy.
+
+    Attributes:
+        domain: its name.
+        mesh: None where the policy did not complete it.
+        figures: metrics of the mesh (metrics.measure); empty without one.
+        files: written, picture first.
+        reason: why there is no mesh.
+    """
+
+    domain: str
+    mesh: Mesh | None
+    figures: dict[str, float]
+    files: list[Path]
+    reason: str = ""
+
+
+def produce(policy: Policy, domain: Domain, folder: Path) -> Produced:
+    """Mesh a domain and write its picture and its .vtu, .msh and .inp into ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        made = mesh(policy, domain)
+    except MeshingError as error:
+        return Produced(domain.name, None, {}, [], str(error))
+    files = [folder / f"{domain.name}{suffix}" for suffix in (".png", ".vtu", ".msh", ".inp")]
+    plots.draw_mesh(made, files[0])
+    for path in files[1:]:
+        export.write(made, path)
+    return Produced(domain.name, made, measure(made), files)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What the main job leaves.
+
+    Attributes:
+        progress: at the end.
+        policy: file of the best policy.
+        checkpoint: newest checkpoint.
+        curve: picture of the learning curve.
+        produced: one entry a stage.
+    """
+
+    progress: Progress
+    policy: Path
+    checkpoint: Path
+    curve: Path
+    produced: list[Produced]
+
+
+def train(
+    config: Mapping[str, Any],
+    *,
+    resume: bool = False,
+    make: Callable[[Mapping[str, Any]], Algorithm],
+    report: Callable[[Status], None] = lambda status: None,
+    note: Callable[[str], None] = lambda line: None,
+) -> Trained:
+    """The whole main job.
+
+    Args:
+        config: a complete tree (``config.load``).
+        resume: go on from the run's newest checkpoint; without one, begin.
+        make: the algorithm's factory.
+        report, note: see Training.
+
+    Raises:
+        RunExistsError: the run has checkpoints and ``resume`` is false.
+    """
+    folder = Path(config["paths"]["runs"]) / config["name"]
+    if not resume and checkpoint.found(folder / "checkpoints"):
+        raise RunExistsError(f"{folder} already holds a run: add --resume to go on, or --set name=OTHER to begin another")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / "config.yaml", dump(config))
+    tracking = config["tracking"]
+    algorithm = make(config)
+    with Run(
+        folder, uri=tracking["uri"], experiment=tracking["experiment"], name=config["name"], params=flatten(config),
+        tags={"algorithm": config["algorithm"], "seed": str(config["seed"]), "domain": ",".join(config["curriculum"]["stages"])},
+        resume=resume, enabled=tracking["enabled"],
+    ) as run:  # fmt: skip
+        training = Training(algorithm, config, folder, run, report, note)
+        if resume:
+            training.resume()
+        run.artifact(folder / "config.yaml")
+        training.loop()
+        produced = deliver(training)
+        curve = draw_curve(folder)
+        for path in [training.best_policy, curve, *(file for entry in produced for file in entry.files)]:
+            run.artifact(path, "meshes" if path.parent.name == "meshes" else None)
+    return Trained(training.progress, training.best_policy, checkpoint.found(training.checkpoints)[0], curve, produced)
+
+
+def deliver(training: Training) -> list[Produced]:
+    """Mesh every stage with the best policy and track the meshes' figures."""
+    policy = Policy.load(training.best_policy)
+    produced = []
+    for stage in training.config["curriculum"]["stages"]:
+        entry = produce(policy, load(stage), training.folder / "meshes")
+        training.run.metrics(
+            {f"mesh/{entry.domain}/{name}": value for name, value in entry.figures.items()},
+            step=training.progress.env_steps,
+        )
+        produced.append(entry)
+    return produced
+
+
+def draw_curve(folder: Path) -> Path:
+    """Draw the evaluation returns against env steps."""
+    rows = [json.loads(line) for line in (folder / "evaluations.jsonl").read_text().splitlines()]
+    series = {}
+    for kind in ("deterministic", "stochastic"):
+        key = f"eval_{kind}/return"
+        series[kind] = ([row["env_steps"] for row in rows], [row[key] for row in rows])
+    path = folder / "learning_curve.png"
+    plots.draw_curves(
+        series, path, xlabel="environment steps", ylabel="mean return of an evaluation episode",
+        title="Evaluation return over all stages",
+    )  # fmt: skip
+    return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(text)
+    os.replace(partial, path)
