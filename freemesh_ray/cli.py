@@ -109,6 +109,7 @@ def train(options: argparse.Namespace) -> int:
     """``freemesh train``."""
     from freemesh_ray import config
     from freemesh_ray.console import Progress, train_table
+    from freemesh_ray.local_ray import local_ray
     from freemesh_ray.train import train as run
 
     settings = config.load(options.config, options.set)
@@ -122,17 +123,13 @@ def train(options: argparse.Namespace) -> int:
     return 0
 
 
-def local_ray(runners: int) -> "LocalRay":
-    """An embedded Ray, quiet, for as long as a training lasts."""
-    return LocalRay(runners)
-
-
 def mesh(options: argparse.Namespace) -> int:
     """``freemesh mesh``."""
     from envs.domain import load
     from freemesh_ray import export, mesher, plots
     from freemesh_ray.console import mesh_line
     from freemesh_ray.policy import Policy
+    from freemesh_ray.runs import newest_policy
 
     outputs = [Path(output) for output in options.output]
     for path in outputs:
@@ -147,3 +144,23 @@ def mesh(options: argparse.Namespace) -> int:
             export.write(made, path)
     print(mesh_line(made, outputs))
     return 0
+
+
+def domains(options: argparse.Namespace) -> int:
+    """``freemesh domains``."""
+    from envs.domain import catalogue, load
+    from freemesh_ray.console import domain_table
+
+    print(domain_table([load(name) for name in catalogue()]))
+    return 0
+
+
+def bench(options: argparse.Namespace) -> int:
+    """``freemesh bench``."""
+    from freemesh_ray import bench as benches
+
+    benches.run(options.part or ["env", "learner", "sampling"], seconds=options.seconds, folder=Path(options.out))
+    return 0
+
+
+COMMANDS = {"train": train, "mesh": mesh, "domains": domains, "bench": bench}

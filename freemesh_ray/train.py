@@ -27,14 +27,11 @@ from freemesh_ray.evaluate import run_episodes, summary
 from freemesh_ray.mesher import MeshingError, mesh
 from freemesh_ray.metrics import measure
 from freemesh_ray.policy import Policy
+from freemesh_ray.runs import RunFolder
 from freemesh_ray.tracking import Run, provenance
 
 #: Episodes that the running figures of the progress line are means of.
 RECENT = 50
-
-
-class RunExistsError(RuntimeError):
-    """A run of this name is there already and was not asked to go on."""
 
 
 class Algorithm(Protocol):
@@ -108,7 +105,7 @@ class Training:
     Attributes:
         algorithm: trained in place.
         config: the resolved tree.
-        folder: the run's folder.
+        folder: where the run's files lie.
         run: where metrics go.
         report: called with a Status after every iteration.
         note: called with a line of text at milestones.
@@ -116,7 +113,7 @@ class Training:
 
     algorithm: Algorithm
     config: Mapping[str, Any]
-    folder: Path
+    folder: RunFolder
     run: Run
     report: Callable[[Status], None] = lambda status: None
     note: Callable[[str], None] = lambda line: None
@@ -127,19 +124,9 @@ class Training:
         self._domains = [load(stage) for stage in self.config["curriculum"]["stages"]]
         self._saved_at = 0
 
-    @property
-    def checkpoints(self) -> Path:
-        """Folder of the checkpoints."""
-        return self.folder / "checkpoints"
-
-    @property
-    def best_policy(self) -> Path:
-        """File of the best policy so far."""
-        return self.folder / "policy.npz"
-
     def resume(self) -> bool:
         """Go on from the newest checkpoint, if there is one."""
-        saved = checkpoint.found(self.checkpoints)
+        saved = checkpoint.found(self.folder.checkpoints)
         if not saved:
             return False
         self.progress = Progress(**checkpoint.restore(self.algorithm, saved[0]))
@@ -151,7 +138,7 @@ class Training:
         """Write a checkpoint of this moment."""
         self._saved_at = self.progress.env_steps
         return checkpoint.save(
-            self.algorithm, vars(self.progress).copy(), self.checkpoints, self.config["checkpoint"]["keep"]
+            self.algorithm, vars(self.progress).copy(), self.folder.checkpoints, self.config["checkpoint"]["keep"]
         )
 
     def done(self) -> bool:
@@ -257,7 +244,7 @@ class Training:
         score = [values["eval_deterministic/completion_rate"], values["eval_deterministic/return"]]
         if self.progress.best is None or score >= self.progress.best:
             self.progress.best, self.progress.best_steps = score, self.progress.env_steps
-            self.policy(env_steps=self.progress.env_steps, scores=values).save(self.best_policy)
+            self.policy(env_steps=self.progress.env_steps, scores=values).save(self.folder.policy)
         return values
 
     def _evaluate_on(self, policy: Policy, domain: Domain, stochastic: bool) -> dict[str, float]:
@@ -265,7 +252,7 @@ class Training:
         return summary(run_episodes(policy, domain, episodes, stochastic=stochastic, seed=self.config["seed"]))
 
     def _append(self, row: dict[str, Any]) -> None:
-        with open(self.folder / "evaluations.jsonl", "a") as file:
+        with open(self.folder.evaluations, "a") as file:
             file.write(json.dumps(row) + "\n")
 
 
@@ -340,36 +327,34 @@ def train(
     Raises:
         RunExistsError: the run has checkpoints and ``resume`` is false.
     """
-    folder = Path(config["paths"]["runs"]) / config["name"]
-    if not resume and checkpoint.found(folder / "checkpoints"):
-        raise RunExistsError(f"{folder} already holds a run: add --resume to go on, or --set name=OTHER to begin another")
-    folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "config.yaml", dump(config))
+    folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
+    folder.claim(resume)
+    write_text(folder.config, dump(config))
     tracking = config["tracking"]
     algorithm = make(config)
     with Run(
-        folder, uri=tracking["uri"], experiment=tracking["experiment"], name=config["name"], params=flatten(config),
+        folder.path, uri=tracking["uri"], experiment=tracking["experiment"], name=config["name"], params=flatten(config),
         tags={"algorithm": config["algorithm"], "seed": str(config["seed"]), "domain": ",".join(config["curriculum"]["stages"])},
         resume=resume, enabled=tracking["enabled"],
     ) as run:  # fmt: skip
         training = Training(algorithm, config, folder, run, report, note)
         if resume:
             training.resume()
-        run.artifact(folder / "config.yaml")
+        run.artifact(folder.config)
         training.loop()
         produced = deliver(training)
         curve = draw_curve(folder)
-        for path in [training.best_policy, curve, *(file for entry in produced for file in entry.files)]:
+        for path in [folder.policy, curve, *(file for entry in produced for file in entry.files)]:
             run.artifact(path, "meshes" if path.parent.name == "meshes" else None)
-    return Trained(training.progress, training.best_policy, checkpoint.found(training.checkpoints)[0], curve, produced)
+    return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], curve, produced)
 
 
 def deliver(training: Training) -> list[Produced]:
     """Mesh every stage with the best policy and track the meshes' figures."""
-    policy = Policy.load(training.best_policy)
+    policy = Policy.load(training.folder.policy)
     produced = []
     for stage in training.config["curriculum"]["stages"]:
-        entry = produce(policy, load(stage), training.folder / "meshes")
+        entry = produce(policy, load(stage), training.folder.meshes)
         training.run.metrics(
             {f"mesh/{entry.domain}/{name}": value for name, value in entry.figures.items()},
             step=training.progress.env_steps,
@@ -378,19 +363,18 @@ def deliver(training: Training) -> list[Produced]:
     return produced
 
 
-def draw_curve(folder: Path) -> Path:
+def draw_curve(folder: RunFolder) -> Path:
     """Draw the evaluation returns against env steps."""
-    rows = [json.loads(line) for line in (folder / "evaluations.jsonl").read_text().splitlines()]
+    rows = [json.loads(line) for line in folder.evaluations.read_text().splitlines()]
     series = {}
     for kind in ("deterministic", "stochastic"):
         key = f"eval_{kind}/return"
         series[kind] = ([row["env_steps"] for row in rows], [row[key] for row in rows])
-    path = folder / "learning_curve.png"
     plots.draw_curves(
-        series, path, xlabel="environment steps", ylabel="mean return of an evaluation episode",
+        series, folder.curve, xlabel="environment steps", ylabel="mean return of an evaluation episode",
         title="Evaluation return over all stages",
     )  # fmt: skip
-    return path
+    return folder.curve
 
 
 def write_text(path: Path, text: str) -> None:

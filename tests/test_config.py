@@ -114,6 +114,7 @@ def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
             assert flatten(config)[key] == flatten({key: value})[key], key
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.integers(1, 10**9))
 def test_whole_numbers_may_be_written_as_floats(steps: int):
     for text in (f"{steps}", f"{steps}.0", f"{steps}e0", f"{steps:.15e}", f"+{steps}"):
@@ -122,6 +123,7 @@ def test_whole_numbers_may_be_written_as_floats(steps: int):
         assert type(value) is int
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.floats(1e-9, 1.0))
 def test_every_way_to_write_a_float_is_read(rate: float):
     for text in (repr(rate), f"{rate:.17e}", f"{rate:.17E}", f"{rate:.17e}".replace("e-0", "e-")):

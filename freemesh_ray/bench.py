@@ -1,0 +1,268 @@
+"""How fast it is here: environment, learner beside Stable-Baselines3, sampling with 0, 1 and 2 env runners."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.domain import from_rings, load
+from envs.episodes import Episodes
+from envs.types import Domain, MeshingParameters
+from freemesh_ray import plots
+from freemesh_ray.console import table
+
+FRONTS = (50, 100, 200, 400, 800, 1600)
+BATCH = 64
+#: Learner and curve measurements: the domain, environments, and gradient steps for each env step, on both sides.
+DOMAIN, ENVS, RATIO = "T1", 16, 0.5
+CURVE_SEEDS = (356, 567, 999)
+CURVE_STEPS = 60_000
+
+
+def run(parts: Sequence[str], *, seconds: float, folder: Path) -> None:
+    """Print the tables of the given parts; ``curves`` also writes into ``folder``."""
+    measurements: dict[str, Callable[[], None]] = {
+        "env": lambda: bench_env(seconds),
+        "learner": lambda: bench_learner(seconds),
+        "sampling": lambda: bench_sampling(seconds),
+        "curves": lambda: bench_curves(folder),
+    }
+    for part in parts:
+        measurements[part]()
+        print(flush=True)
+
+
+def rosette(n: int) -> Domain:
+    """A three-lobed outline with n nearly even vertices."""
+    fine = np.linspace(0.0, 2.0 * np.pi, 20_000)
+    radius = 1.0 + 0.3 * np.cos(3.0 * fine)
+    outline = np.c_[radius * np.cos(fine), radius * np.sin(fine)]
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))]
+    at = np.linspace(0.0, along[-1], n, endpoint=False)
+    return from_rings(np.c_[np.interp(at, along, outline[:, 0]), np.interp(at, along, outline[:, 1])], name=f"rosette{n}")
+
+
+def valid_actions(domain: Domain, count: int) -> np.ndarray:
+    """(count, 3): a sequence of actions that are all valid when taken from the start, found by trying at random."""
+    episodes, random = Episodes([domain], MeshingParameters(max_invalid=10**6), 1), np.random.default_rng(0)
+    episodes.start(0, 0)
+    found: list[np.ndarray] = []
+    while len(found) < count:
+        action = random.uniform(-1.0, 1.0, 3)
+        if episodes.step(action[None]).rejection[0] == 0:
+            found.append(action)
+    return np.array(found)
+
+
+def steps_per_second(domain: Domain, actions: Iterator[np.ndarray], restart_after: int, seconds: float) -> float:
+    """Env steps a second of a batch, episodes begun anew after ``restart_after`` steps or at their end."""
+    episodes = Episodes([domain], MeshingParameters(), BATCH)
+    rounds, began = 0, time.perf_counter()
+    while True:
+        if rounds % restart_after == 0:
+            for i in range(BATCH):
+                episodes.start(i, 0)
+            if rounds == 0:
+                episodes.step(np.zeros((BATCH, 3)))  # compile
+                for i in range(BATCH):
+                    episodes.start(i, 0)
+                began = time.perf_counter()
+            elif time.perf_counter() - began > seconds:
+                return rounds * BATCH / (time.perf_counter() - began)
+        out = episodes.step(next(actions))
+        for i in np.flatnonzero(out.terminated | out.truncated):
+            episodes.start(int(i), 0)
+        rounds += 1
+
+
+def cycled(actions: np.ndarray) -> Iterator[np.ndarray]:
+    """Each row for the whole batch, over and over."""
+    batches = np.repeat(actions[:, None, :], BATCH, axis=1)
+    while True:
+        yield from batches
+
+
+def bench_env(seconds: float) -> None:
+    """Batched env steps a second against the front's length; every action valid, and actions drawn at random."""
+    rows, speeds = [], []
+    random = np.random.default_rng(0)
+    for n in FRONTS:
+        domain = rosette(n)
+        count = max(8, n // 8)  # so few that the front stays near its length
+        valid = steps_per_second(domain, cycled(valid_actions(domain, count)), count, seconds)
+        drawn = steps_per_second(domain, cycled(random.uniform(-1.0, 1.0, (997, 3))), 200, seconds)
+        speeds.append(valid)
+        rows.append([str(n), f"{valid:,.0f}", f"{drawn:,.0f}"])
+    growth = np.polyfit(np.log(FRONTS), -np.log(speeds), 1)[0]
+    print(f"environment, one core, batch of {BATCH}: env steps a second (a step's cost grows as front^{growth:.2f})")
+    print(table(["front vertices", "valid actions", "random actions"], rows))
+
+
+def quiet_ray(runners: int) -> Any:
+    """An embedded Ray."""
+    from freemesh_ray.local_ray import local_ray
+
+    return local_ray(runners)
+
+
+def algorithm(runners: int, *, seed: int = 0, warmup: int = 1000, **training: Any) -> Any:
+    """Our SAC on the measurement's domain."""
+    from freemesh_ray.algorithms.environment import register
+    from freemesh_ray.algorithms.sac import SACConfig
+
+    options = {"domain": [load(DOMAIN)], **asdict(MeshingParameters())}
+    return (
+        SACConfig()
+        .environment(register(), env_config=options)
+        .env_runners(num_env_runners=runners, num_envs_per_env_runner=ENVS, rollout_fragment_length=8)
+        .training(warmup_steps=warmup, updates_per_step=RATIO, **training)
+        .debugging(seed=seed, log_level="ERROR")
+        .build_algo()
+    )
+
+
+def stable_baselines(*, seed: int, warmup: int = 1000) -> Any:
+    """Stable-Baselines3's SAC with the same numbers on the same environment; 8 steps of each env, then the updates."""
+    import torch
+    from stable_baselines3 import SAC
+
+    from freemesh_ray.sb3_env import MeshVecEnv
+
+    torch.set_num_threads(1)
+    env = MeshVecEnv(load(DOMAIN), MeshingParameters(), ENVS)
+    return SAC(
+        "MlpPolicy", env, learning_rate=3e-4, buffer_size=1_000_000, learning_starts=warmup, batch_size=256, tau=5e-3,
+        gamma=0.99, train_freq=8, gradient_steps=int(8 * ENVS * RATIO), policy_kwargs={"net_arch": [128, 128, 128]},
+        seed=seed, device="cpu",
+    )  # fmt: skip
+
+
+def our_updates_per_second(seconds: float) -> float:
+    """Whole training rounds: sampling, storing, updating, publishing weights."""
+    algo = algorithm(0)
+    while algo.updates == 0:
+        algo.training_step()
+    updates, began = algo.updates, time.perf_counter()
+    while time.perf_counter() - began < seconds:
+        algo.training_step()
+    speed = (algo.updates - updates) / (time.perf_counter() - began)
+    algo.stop()
+    return speed
+
+
+def their_updates_per_second(seconds: float) -> float:
+    """The same of Stable-Baselines3."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Clock(BaseCallback):
+        began, updates = 0.0, 0
+
+        def _on_rollout_start(self) -> None:
+            if self.model._n_updates and not self.began:
+                self.began, self.updates = time.perf_counter(), self.model._n_updates
+
+        def _on_step(self) -> bool:
+            return not self.began or time.perf_counter() - self.began < seconds
+
+    model, clock = stable_baselines(seed=0), Clock()
+    model.learn(10**9, callback=clock)
+    return (model._n_updates - clock.updates) / (time.perf_counter() - clock.began)
+
+
+def bench_learner(seconds: float) -> None:
+    """Updates a second of whole training rounds, ours and Stable-Baselines3's in turn, three times each."""
+    try:
+        import stable_baselines3  # noqa: F401
+    except ImportError:
+        print("learner: skipped, Stable-Baselines3 is not installed (pip install stable-baselines3)")
+        return
+    with quiet_ray(0):
+        pairs = [(our_updates_per_second(seconds), their_updates_per_second(seconds)) for _ in range(3)]
+    rows = [[f"run {i + 1}", f"{a:.0f}", f"{b:.0f}", f"{a / b:.2f}"] for i, (a, b) in enumerate(pairs)]
+    ratio = float(np.median([a / b for a, b in pairs]))
+    print(f"learner, one thread, {DOMAIN}, {RATIO} updates a step: updates a second (median ratio {ratio:.2f})")
+    print(table(["", "freemesh-ray", "Stable-Baselines3", "ratio"], rows))
+
+
+def bench_sampling(seconds: float) -> None:
+    """Transitions a second with 0, 1 and 2 env runners, policy included, and with what larger fragments give."""
+    rows = []
+    for runners in (0, 1, 2):
+        with quiet_ray(runners):
+            algo = algorithm(runners)
+            speeds = []
+            for fragment in (8, 64):
+                algo.config._is_frozen = False
+                algo.config.rollout_fragment_length = fragment
+                algo._collect(uniform=False)
+                count, began = 0, time.perf_counter()
+                while time.perf_counter() - began < seconds:
+                    count += sum(len(part.transitions) for part in algo._collect(uniform=False))
+                speeds.append(count / (time.perf_counter() - began))
+            algo.stop()
+        rows.append([str(runners), *(f"{speed:,.0f}" for speed in speeds)])
+    print(f"sampling, {ENVS} environments a runner: transitions a second, to the learner's process")
+    print(table(["env runners", "8 steps a round", "64 steps a round"], rows))
+
+
+def bench_curves(folder: Path) -> None:
+    """Learning curves, ours and Stable-Baselines3's: same environment, same numbers, three seeds each."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Returns(BaseCallback):
+        def __init__(self) -> None:
+            super().__init__()
+            self.ended: list[tuple[int, float]] = []
+
+        def _on_step(self) -> bool:
+            self.ended += [(self.num_timesteps, info["episode"]["r"]) for info in self.locals["infos"] if "episode" in info]
+            return True
+
+    folder.mkdir(parents=True, exist_ok=True)
+    ended: dict[str, list[list[tuple[int, float]]]] = {"freemesh-ray": [], "Stable-Baselines3": []}
+    for seed in CURVE_SEEDS:
+        with quiet_ray(0):
+            algo, own = algorithm(0, seed=seed, warmup=5000), []
+            while algo.env_steps < CURVE_STEPS:
+                algo.training_step()
+                own += [(algo.env_steps, episode.episode_return) for episode in algo.finished]
+                algo.finished.clear()
+            algo.stop()
+        ended["freemesh-ray"].append(own)
+        model, returns = stable_baselines(seed=seed, warmup=5000), Returns()
+        model.learn(CURVE_STEPS, callback=returns)
+        ended["Stable-Baselines3"].append(returns.ended)
+        print(f"seed {seed}: done", file=sys.stderr, flush=True)
+    edges = np.arange(0, CURVE_STEPS + 1, CURVE_STEPS // 15)
+    curves = {label: np.array([binned(run, edges) for run in runs]) for label, runs in ended.items()}
+    (folder / "curves.json").write_text(
+        json.dumps({"steps": edges[1:].tolist(), **{label: values.tolist() for label, values in curves.items()}})
+    )
+    plots.draw_curves(
+        {label: (edges[1:], values) for label, values in curves.items()}, folder / "curves.png",
+        xlabel="environment steps", ylabel="return of a training episode",
+        title=f"SAC on {DOMAIN}, {RATIO} updates a step, {len(CURVE_SEEDS)} seeds",
+    )  # fmt: skip
+    rows = [
+        [f"{edges[i + 1]:,}", *(f"{curves[label][:, i].mean():.1f} ± {curves[label][:, i].std():.1f}" for label in curves)]
+        for i in range(2, len(edges) - 1, 3)
+    ]
+    print(f"learning curves on {DOMAIN}: mean return of training episodes, {len(CURVE_SEEDS)} seeds -> {folder / 'curves.png'}")
+    print(table(["env steps", *curves], rows))
+
+
+def binned(ended: list[tuple[int, float]], edges: np.ndarray) -> list[float]:
+    """Mean return of the episodes that ended between consecutive edges; nan where none did."""
+    steps, returns = np.array(ended).T
+    means = []
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        inside = returns[(steps > low) & (steps <= high)]
+        means.append(float(inside.mean()) if len(inside) else float("nan"))
+    return means

@@ -1,0 +1,127 @@
+"""What the command prints: a live progress line, and tables."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+from envs.mesh import Mesh
+from freemesh_ray.metrics import measure
+from freemesh_ray.train import Status, Trained
+
+#: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
+LOG_INTERVAL = 15.0
+
+
+def duration(seconds: float) -> str:
+    """1:05 or 1:02:05; a dash when unknown."""
+    if not math.isfinite(seconds):
+        return "-"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+def number(value: float, form: str) -> str:
+    """The value in the given format; a dash when there is none yet."""
+    return format(value, form) if math.isfinite(value) else "-"
+
+
+class Progress:
+    """One line that is overwritten on a terminal, and written anew now and then elsewhere."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._live = stream.isatty()
+        self._width = 0
+        self._last = -math.inf
+
+    def show(self, status: Status) -> None:
+        """Show the figures."""
+        line = (
+            f"stage {status.stage}  step {status.env_steps:,}/{status.budget_steps:,}"
+            f"  return {number(status.mean_return, '.1f')}  completed {number(status.completion_rate, '.0%')}"
+            f"  {status.updates_per_second:.0f} updates/s  {duration(status.seconds_left)} left"
+        )
+        if self._live:
+            self._stream.write("\r" + line.ljust(self._width))
+            self._width = len(line)
+        elif time.monotonic() - self._last >= LOG_INTERVAL:
+            self._stream.write(line + "\n")
+            self._last = time.monotonic()
+        self._stream.flush()
+
+    def note(self, text: str) -> None:
+        """A line that stays."""
+        self.finish()
+        self._stream.write(text + "\n")
+        self._stream.flush()
+
+    def finish(self) -> None:
+        """End the live line."""
+        if self._live and self._width:
+            self._stream.write("\r" + " " * self._width + "\r")
+            self._width = 0
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Columns aligned: the first to the left, the others to the right."""
+    lines = [list(header), *(list(row) for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(line, widths, strict=True))).rstrip()
+        for line in lines
+    )  # fmt: skip
+
+
+COLUMNS = (
+    ("elements", "elements", ".0f"),
+    ("eta", "eta", ".3f"),
+    ("eta_p5", "eta p5", ".3f"),
+    ("eta_min", "eta min", ".3f"),
+    ("singularity", "irregular", ".0f"),
+    ("scaled_jacobian", "scaled Jac.", ".3f"),
+    ("triangles", "triangles", ".0f"),
+)
+
+
+def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
+    """What a training ends with."""
+    rows = [
+        [
+            entry.domain,
+            "yes" if entry.mesh is not None else "no",
+            *(format(entry.figures[key], form) if entry.figures else "-" for key, _, form in COLUMNS),
+        ]
+        for entry in trained.produced
+    ]
+    progress = trained.progress
+    lines = [
+        "",
+        table(["domain", "completed", *(title for _, title, _ in COLUMNS)], rows),
+        "",
+        f"trained {progress.env_steps:,} steps, {progress.updates:,} updates in {duration(progress.seconds)}"
+        f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s); best policy from step {progress.best_steps:,}",
+        f"policy      {trained.policy}",
+        f"checkpoint  {trained.checkpoint}",
+        f"curve       {trained.curve}",
+    ]
+    lines += [f"{entry.domain:<11} {'  '.join(map(str, entry.files)) or entry.reason}" for entry in trained.produced]
+    tracking = config["tracking"]
+    if tracking["enabled"]:
+        uri = tracking["uri"]
+        command = f"mlflow ui --backend-store-uri {uri}" if uri.startswith("sqlite") else f"open {uri}"
+        lines.append(f"compare     .venv/bin/{command}" if uri.startswith("sqlite") else f"compare     {command}")
+    return "\n".join(lines)
+
+
+def mesh_line(mesh: Mesh, outputs: Sequence[Path]) -> str:
+    """One line on a mesh that was written."""
+    figures = measure(mesh)
+    return (
+        f"{mesh.name}: {len(mesh.quads)} quads, eta {figures['eta']:.3f} (min {figures['eta_min']:.3f}), "
+        f"{figures['singularity']:.0f} irregular nodes -> {', '.join(map(str, outputs))}"
+    )
