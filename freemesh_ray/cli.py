@@ -132,18 +132,30 @@ def mesh(options: argparse.Namespace) -> int:
     from freemesh_ray.runs import newest_policy
 
     outputs = [Path(output) for output in options.output]
-    for path in outputs:
-        export.check(path)
+    check_outputs(outputs, (*export.SUFFIXES, *plots.SUFFIXES))
     domain = load(options.domain, fix_parity=options.fix_parity)
     policy = Policy.load(options.policy or newest_policy(Path(options.runs)))
     made = mesher.mesh(policy, domain, attempts=options.attempts, seed=options.seed)
     for path in outputs:
-        if path.suffix in plots.SUFFIXES:
+        if path.suffix.lower() in plots.SUFFIXES:
             plots.draw_mesh(made, path)
         else:
             export.write(made, path)
     print(mesh_line(made, outputs))
     return 0
+
+
+def check_outputs(paths: Sequence[Path], known: Sequence[str]) -> None:
+    """Before any work: every output has a format that can be written.
+
+    Raises:
+        ExportError: one has not.
+    """
+    from freemesh_ray.export import ExportError
+
+    for path in paths:
+        if path.suffix.lower() not in known:
+            raise ExportError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(known)}")
 
 
 def domains(options: argparse.Namespace) -> int:

@@ -96,6 +96,7 @@ SCHEMA: dict[str, Field] = {
     "sac.hidden": Field(int, 1, 65536, many=True),
     "sac.warmup_steps": Field(int, 0, 10**9),
     "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
+    "sac.initial_alpha": Field(float, TINY, 1000),
     "runners.count": Field(int, 0, 1024),
     "runners.envs_per_runner": Field(int, 1, 4096),
     "runners.fragment": Field(int, 1, 10**5),
@@ -221,13 +222,14 @@ def _folder() -> Any:
 def _file(source: str | Path) -> list[_Entry]:
     """The settings of one YAML file."""
     name = str(source)
-    bare = "/" not in name and not Path(name).suffix
-    if bare and name not in shipped():
+    short = name.removesuffix(".yaml")
+    bare = "/" not in name and not Path(name).is_file() and (short in shipped() or not Path(name).suffix)
+    if bare and short not in shipped():
         raise ConfigError(
             f"{name}: no such configuration: use a path ending in .yaml, or one of {', '.join(shipped())}"
         )
     try:
-        text = (_folder() / f"{name}.yaml" if bare else Path(name)).read_text(encoding="utf-8")
+        text = (_folder() / f"{short}.yaml" if bare else Path(name)).read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{name}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:

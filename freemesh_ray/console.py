@@ -8,7 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
+
 from envs.mesh import Mesh
+from envs.types import Domain
 from freemesh_ray.metrics import measure
 from freemesh_ray.train import Status, Trained
 
@@ -116,6 +119,23 @@ def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
         command = f"mlflow ui --backend-store-uri {uri}" if uri.startswith("sqlite") else f"open {uri}"
         lines.append(f"compare     .venv/bin/{command}" if uri.startswith("sqlite") else f"compare     {command}")
     return "\n".join(lines)
+
+
+def domain_table(domains: Sequence[Domain]) -> str:
+    """The catalogue: vertices, holes, segment lengths and sharpest corner of each domain."""
+    rows = []
+    for domain in domains:
+        ends = domain.points[domain.segments]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        back, ahead = np.roll(domain.vertices, 1, axis=0) - domain.vertices, np.roll(domain.vertices, -1, axis=0) - domain.vertices
+        turn = np.arctan2(ahead[:, 0] * back[:, 1] - ahead[:, 1] * back[:, 0], np.sum(ahead * back, axis=1))
+        sharpest = np.degrees(turn % (2 * np.pi)).min()
+        rows.append(
+            [domain.name, str(len(domain.segments)), f"{lengths.sum():.2f}", f"{domain.area:.2f}",
+             f"{lengths.max() / lengths.min():.2f}", f"{sharpest:.0f}°", "seamed hole" if len(domain.ring) > len(domain.segments) else ""]
+        )  # fmt: skip
+    header = ["domain", "vertices", "perimeter", "area", "longest/shortest", "sharpest", ""]
+    return table(header, rows)
 
 
 def mesh_line(mesh: Mesh, outputs: Sequence[Path]) -> str:

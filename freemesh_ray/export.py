@@ -21,6 +21,10 @@ GMSH = {"4.1": "gmsh", "2.2": "gmsh22"}
 PER_LINE = 16
 
 
+#: What `write` can write.
+SUFFIXES = (".vtu", ".msh", ".inp")
+
+
 class ExportError(ValueError):
     """A file that cannot be written; one line with its name, what is wrong and the fix."""
 

@@ -35,6 +35,8 @@ IRREGULAR: dict[tuple[float, float], tuple[str, str, str]] = {
 }
 CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1a1a1a")
 DPI, WIDTH = 160, 7.0  # inches
+#: Kinds of picture.
+SUFFIXES = (".png", ".svg")
 
 
 def draw_mesh(

@@ -17,7 +17,6 @@ def sac_config(config: Mapping[str, Any]) -> SACConfig:
     """The SAC that a configuration tree (see ``config.load``) describes."""
     sac, runners, curriculum = config["sac"], config["runners"], config["curriculum"]
     domains = [load(stage) for stage in curriculum["stages"]]
-    entropy = sac["target_entropy"]
     return (
         SACConfig()
         .environment(register(), env_config={"domain": domains, **asdict(meshing_parameters(config))})
@@ -32,7 +31,8 @@ def sac_config(config: Mapping[str, Any]) -> SACConfig:
             actor_lr=sac["learning_rate"],
             critic_lr=sac["learning_rate"],
             alpha_lr=sac["learning_rate"],
-            target_entropy=entropy,
+            target_entropy=sac["target_entropy"],
+            initial_alpha=sac["initial_alpha"],
             train_batch_size_per_learner=sac["batch_size"],
             replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": sac["buffer_size"]},
             hidden=sac["hidden"],
