@@ -76,9 +76,9 @@ class Episodes:
         shape = (len(self), self.parameters.action_size)
         if actions.shape != shape:
             raise ValueError(f"actions have shape {actions.shape}, expected {shape}")
+        if not np.isfinite(actions).all():
+            raise ValueError(f"action {int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])} is not finite")
         clipped = np.clip(actions, -1.0, 1.0)
-        if not np.isfinite(clipped).all():
-            raise ValueError(f"action {int(np.flatnonzero(~np.isfinite(clipped).all(axis=1))[0])} is not finite")
         nobody = self._nobody if skip is None else skip
         transition.step_batch(self._fronts, clipped, nobody, self._numbers, self.caps[self.domain_of], self.out)
         return self.out

@@ -196,15 +196,17 @@ def advance(
 @inlined
 def refresh_keys(front: Front, start: int, end: int, n_rv: int) -> None:
     """Update the mean angles within n_rv of the edges between ``start`` and ``end``."""
-    first, last = start, end
+    first, stretch = start, 2 * n_rv - 1
     for _ in range(n_rv - 1):
-        first, last = front.prv[first], front.nxt[last]
-    # On a ring shorter than the stretch, once around is enough.
+        first = front.prv[first]
+    slot = start
+    while slot != end:
+        stretch += 1
+        slot = front.nxt[slot]
     slot = first
-    for _ in range(front.count[RING]):
+    # On a ring shorter than the stretch, once around is enough.
+    for _ in range(min(stretch, front.count[RING])):
         slot_tree.set_key(front.key, slot, mean_angle(front, slot, n_rv))
-        if slot == last:
-            break
         slot = front.nxt[slot]
 
 

@@ -26,11 +26,14 @@ from envs.action import base_length
 from envs.front import AREA, AREA_0, TOLERANCE, Front
 from envs.kernels import slot_tree
 from envs.kernels.compiled import inlined
-from envs.kernels.geometry import angle, ray_hit, signed_angle
+from envs.kernels.geometry import TWO_PI, angle, ray_hit, signed_angle
 from envs.types import Floats, MeshingParameters
 
 #: Slices a fan can have; see MeshingParameters.g.
 MAX_SLICES = 16
+
+#: Directions closer than this count as one, in radians.
+ANGLE_TOLERANCE = 1e-9
 
 
 @inlined
@@ -87,7 +90,12 @@ def fan(
         if distance2 > reach2 or distance2 <= own2:
             continue
         phi = angle(axis_x, axis_y, dx, dy)
-        if phi > theta or is_neighbour(front, reference, slot, n):
+        if phi > theta:
+            # On a straight side, rounding must not decide whether the vertices beyond the neighbours are seen.
+            if phi > theta + ANGLE_TOLERANCE and phi < TWO_PI - ANGLE_TOLERANCE:
+                continue
+            phi = theta if phi <= theta + ANGLE_TOLERANCE else 0.0
+        if is_neighbour(front, reference, slot, n):
             continue
         j = min(g - 1, int(phi / slice_angle))
         distance = math.sqrt(distance2) * scale

@@ -14,7 +14,8 @@ def local_ray(workers: int) -> Iterator[None]:
     """A Ray with room for ``workers`` env runners beside the learner; an address in RAY_ADDRESS is used instead."""
     # Read when Ray is imported.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    os.environ.setdefault("RAY_DEDUP_LOGS", "1")
+    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("PYTHONWARNINGS", "ignore::DeprecationWarning")
     warnings.filterwarnings("ignore", category=DeprecationWarning)
     import ray

@@ -52,7 +52,7 @@ def fish() -> Design:
         (-2.6, 0.05, 1), (-1.7, -0.62), (-0.5, -1.0), (0.7, -0.85), (1.6, -0.5), (2.15, -0.58), (2.95, -1.12, 1),
         (2.84, 0.0), (3.0, 1.1, 1), (2.15, 0.56), (1.6, 0.5), (0.8, 0.95), (-0.4, 1.15), (-1.7, 0.72),
     ]  # fmt: skip
-    ring = outline.discretise(outline.spline(controls), 40, outline.near([(1.9, 0.0)], 3.2, 1.9))
+    ring = outline.discretise(outline.spline(controls), 72, outline.near([(1.9, 0.0)], 3.2, 1.9))
     return Design("T1", "fish: three tips, a narrow tail root", [ring])
 
 
@@ -63,7 +63,7 @@ def bat() -> Design:
         (3.9, 0.0, 1), (3.3, 0.28), (2.75, -0.35, 1), (2.2, 0.18), (1.55, -0.62, 1), (1.0, -0.15), (0.45, -1.1),
         (0.0, -1.75, 1),
     ])  # fmt: skip
-    ring = outline.discretise(outline.spline(controls), 60, outline.wave(2.05, 0.5, 5.2))
+    ring = outline.discretise(outline.spline(controls), 100, outline.wave(2.05, 0.5, 5.2))
     return Design("T2", "bat: sharp wings, narrow wrists", [ring])
 
 
@@ -75,7 +75,7 @@ def maple() -> Design:
         (2.9, 0.25, 1), (2.6, -0.2), (3.1, -0.75, 1), (1.8, -0.75), (0.9, -0.72), (0.42, -0.75, 1), (0.36, -1.4),
         (0.5, -2.3, 1), (0.0, -2.3),
     ])  # fmt: skip
-    ring = outline.discretise(outline.spline(controls), 96, outline.wave(2.2, 0.9, 6.5, 2.5))
+    ring = outline.discretise(outline.spline(controls), 144, outline.wave(2.2, 0.9, 6.5, 2.5))
     return Design("T3", "maple leaf: many sharp tips, narrow lobes and stem", [ring])
 
 
