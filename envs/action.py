@@ -200,9 +200,9 @@ def decode(front: Front, reference: int, action: Floats, n: int, alpha: float, t
         x2, y2 = decode_point(front, reference, reach, action[1], action[2])
         x3, y3 = decode_point(front, reference, reach, action[3], action[4])
         end = s1
-        if front.count[RING] + 2 > len(front.vid):
+        if front.counts[RING] + 2 > len(front.vid):
             rejection = FRONT_FULL
-    if front.count[POINTS] + 3 - k > len(front.points):
+    if front.counts[POINTS] + 3 - k > len(front.points):
         rejection = FRONT_FULL
     x, y = (x0, x1, x2, x3), (y0, y1, y2, y3)
     angles = inner_angles(x0, y0, x1, y1, x2, y2, x3, y3)
@@ -215,7 +215,7 @@ def decode(front: Front, reference: int, action: Floats, n: int, alpha: float, t
         elif min(sigma_start, sigma_end) < MIN_ELEMENT_ANGLE:
             # At 0 the new edge lies on the front; below 0.01 pi no valid element could ever fill the corner.
             rejection = SHARP_FRONT
-        elif k == 3 and front.count[RING] == 6 and not last_ring_valid(front, start, k, x, y):
+        elif k == 3 and front.counts[RING] == 6 and not last_ring_valid(front, start, k, x, y):
             rejection = BAD_LAST
         else:
             d_min = clearance(front, start, k, x, y)

@@ -101,15 +101,15 @@ class Episodes:
         front, domain = self.front(i), self.domain(i)
         return Mesh(
             name=domain.name,
-            vertices=front.points[: front.count[fr.POINTS]].copy(),
-            quads=front.quads[: front.count[fr.ELEMENTS]].copy(),
+            vertices=front.points[: front.counts[fr.POINTS]].copy(),
+            quads=front.quads[: front.counts[fr.ELEMENTS]].copy(),
             segments=domain.segments,
-            complete=bool(front.count[fr.RING] == 0),
+            complete=bool(front.counts[fr.RING] == 0),
         )
 
     def elements(self, i: int) -> int:
         """Elements cut in episode ``i``."""
-        return int(self._fronts.count[i, fr.ELEMENTS])
+        return int(self._fronts.counts[i, fr.ELEMENTS])
 
     def mean_eta(self, i: int) -> float:
         """Mean eta_e of the elements cut in episode ``i``, in [0, 1]; 0 without elements."""
@@ -121,7 +121,7 @@ class Episodes:
 
     def steps(self, i: int) -> int:
         """Actions taken in episode ``i``, invalid ones included."""
-        return int(self._fronts.count[i, fr.STEPS])
+        return int(self._fronts.counts[i, fr.STEPS])
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that the next step depends on; arrays to be given back to ``set_state``."""

@@ -26,7 +26,7 @@ from envs.kernels.compiled import compiled, inlined
 from envs.kernels.geometry import angle
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
-# Entries of Front.count.
+# Entries of Front.counts.
 RING, POINTS, ELEMENTS, INVALID, FREE, STEPS = range(6)
 # Entries of Front.measure.
 AREA, AREA_0, A_MIN, A_MAX, TOLERANCE, ETA_SUM, RETURN = range(7)
@@ -46,7 +46,7 @@ class Front(NamedTuple):
         box: (2 C, 4) float64, tree of boxes over the edges slot -> nxt[slot].
         points: (P, 2) float64, every mesh vertex so far.
         quads: (E, 4) int64, the elements so far.
-        count: (6,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps].
+        counts: (6,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps].
         measure: (7,) float64, [area left, initial area, A_min, A_max, tolerance, sum of eta_e, return].
     """
 
@@ -58,7 +58,7 @@ class Front(NamedTuple):
     box: Floats
     points: Floats
     quads: Ints
-    count: Ints
+    counts: Ints
     measure: Floats
 
 
@@ -67,7 +67,7 @@ def row(batch: Front, i: int) -> Front:
     """The front of episode i of a batch (views, no copies)."""
     return Front(
         batch.xy[i], batch.vid[i], batch.prv[i], batch.nxt[i], batch.key[i], batch.box[i],
-        batch.points[i], batch.quads[i], batch.count[i], batch.measure[i],
+        batch.points[i], batch.quads[i], batch.counts[i], batch.measure[i],
     )  # fmt: skip
 
 
@@ -123,8 +123,8 @@ def box_edge(front: Front, slot: int) -> None:
 def release(front: Front, slot: int) -> None:
     """Take a slot out of the ring and remember it as free."""
     front.prv[slot] = OUTSIDE
-    front.nxt[slot] = front.count[FREE]
-    front.count[FREE] = slot
+    front.nxt[slot] = front.counts[FREE]
+    front.counts[FREE] = slot
     slot_tree.set_key(front.key, slot, np.inf)
     slot_tree.clear_box(front.box, slot)
 
@@ -132,9 +132,9 @@ def release(front: Front, slot: int) -> None:
 @inlined
 def insert(front: Front, before: int, slot: int, x: float, y: float) -> int:
     """Link a new mesh vertex at (x, y) into the ring after ``before``, in ``slot``; its mesh vertex."""
-    vertex = front.count[POINTS]
+    vertex = front.counts[POINTS]
     front.points[vertex, 0], front.points[vertex, 1] = x, y
-    front.count[POINTS] = vertex + 1
+    front.counts[POINTS] = vertex + 1
     front.xy[slot, 0], front.xy[slot, 1], front.vid[slot] = x, y, vertex
     after = front.nxt[before]
     front.prv[slot], front.nxt[slot] = before, after
@@ -157,7 +157,7 @@ def advance(
         area: the element's area, taken off the area left.
         n_rv: neighbour pairs in the choice of the reference vertex.
     """
-    quad = front.quads[front.count[ELEMENTS]]
+    quad = front.quads[front.counts[ELEMENTS]]
     slot = start
     for corner in range(k + 1):
         quad[corner] = front.vid[slot]
@@ -171,19 +171,19 @@ def advance(
         release(front, inner)
         inner = beyond
     if k == 1:
-        slot = front.count[FREE]
-        front.count[FREE] = front.nxt[slot]
+        slot = front.counts[FREE]
+        front.counts[FREE] = front.nxt[slot]
         quad[2] = insert(front, start, slot, ax, ay)
-        slot = front.count[FREE]
-        front.count[FREE] = front.nxt[slot]
+        slot = front.counts[FREE]
+        front.counts[FREE] = front.nxt[slot]
         quad[3] = insert(front, start, slot, bx, by)
     elif k == 2:
-        slot = front.count[FREE]
-        front.count[FREE] = front.nxt[slot]
+        slot = front.counts[FREE]
+        front.counts[FREE] = front.nxt[slot]
         quad[3] = insert(front, start, slot, ax, ay)
 
-    front.count[ELEMENTS] += 1
-    front.count[RING] += 4 - 2 * k
+    front.counts[ELEMENTS] += 1
+    front.counts[RING] += 4 - 2 * k
     front.measure[AREA] -= area
 
     slot = start
@@ -205,7 +205,7 @@ def refresh_keys(front: Front, start: int, end: int, n_rv: int) -> None:
         slot = front.nxt[slot]
     slot = first
     # On a ring shorter than the stretch, once around is enough.
-    for _ in range(min(stretch, front.count[RING])):
+    for _ in range(min(stretch, front.counts[RING])):
         slot_tree.set_key(front.key, slot, mean_angle(front, slot, n_rv))
         slot = front.nxt[slot]
 
@@ -213,13 +213,13 @@ def refresh_keys(front: Front, start: int, end: int, n_rv: int) -> None:
 @inlined
 def close(front: Front) -> None:
     """Turn the 4-ring that is left into the last element."""
-    quad = front.quads[front.count[ELEMENTS]]
+    quad = front.quads[front.counts[ELEMENTS]]
     slot = reference_slot(front)
     for corner in range(4):
         quad[corner] = front.vid[slot]
         slot = front.nxt[slot]
-    front.count[ELEMENTS] += 1
-    front.count[RING] = 0
+    front.counts[ELEMENTS] += 1
+    front.counts[RING] = 0
     front.measure[AREA] = 0.0
 
 
@@ -233,7 +233,7 @@ def restart(front: Front, template: Front) -> None:
     front.key[:] = template.key
     front.box[:] = template.box
     front.points[: len(template.points)] = template.points
-    front.count[:] = template.count
+    front.counts[:] = template.counts
     front.measure[:] = template.measure
 
 
@@ -291,7 +291,7 @@ def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front
         box=np.zeros((2 * slots, 4)),
         points=domain.points.astype(np.float64),
         quads=np.zeros((0, 4), dtype=np.int64),
-        count=np.array([n, p, 0, 0, n, 0], dtype=np.int64),
+        counts=np.array([n, p, 0, 0, n, 0], dtype=np.int64),
         measure=np.array(
             [domain.area, domain.area, a_min, a_max, RELATIVE_TOLERANCE * domain.diameter, 0.0, 0.0], dtype=np.float64
         ),
@@ -315,14 +315,14 @@ def allocate(batch: int, slots: int, points: int, elements: int) -> Front:
         box=np.zeros((batch, 2 * slots, 4)),
         points=np.zeros((batch, points, 2)),
         quads=np.zeros((batch, elements, 4), dtype=np.int64),
-        count=np.zeros((batch, 6), dtype=np.int64),
+        counts=np.zeros((batch, 6), dtype=np.int64),
         measure=np.zeros((batch, 7)),
     )
 
 
 def ring_slots(front: Front) -> Ints:
     """The slots of the ring that is left, in counter-clockwise order; (ring,) int64."""
-    ring = np.empty(int(front.count[RING]), dtype=np.int64)
+    ring = np.empty(int(front.counts[RING]), dtype=np.int64)
     if len(ring):
         slot = int(reference_slot(front))
         for i in range(len(ring)):

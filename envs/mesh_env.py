@@ -93,7 +93,9 @@ class Task:
         """The index of a domain; one random number is used whenever there is a choice."""
         if len(self.weights) == 1:
             return 0
-        return int(np.searchsorted(np.cumsum(self.weights), random.random(), side="right").clip(max=len(self.names) - 1))
+        return int(
+            np.searchsorted(np.cumsum(self.weights), random.random(), side="right").clip(max=len(self.names) - 1)
+        )
 
 
 class MeshEnv(gym.Env[np.ndarray, np.ndarray]):

@@ -29,9 +29,6 @@ from envs.kernels.compiled import inlined
 from envs.kernels.geometry import TWO_PI, angle, ray_hit, signed_angle
 from envs.types import Floats, MeshingParameters
 
-#: Slices a fan can have; see MeshingParameters.g.
-MAX_SLICES = 16
-
 #: Directions closer than this count as one, in radians.
 ANGLE_TOLERANCE = 1e-9
 
@@ -153,7 +150,7 @@ def first_hit(front: Front, reference: int, L_r: float, direction: float) -> flo
     return nearest / L_r
 
 
-def bounds(parameters: MeshingParameters) -> tuple[Floats, Floats]:
+def bounds(parameters: MeshingParameters) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and highest value of every entry, (size,) float32 each."""
     n, g = parameters.n, parameters.g
     low = np.array([0, -1] * (2 * n) + [0, 0] * g + [0], dtype=np.float32)

@@ -21,9 +21,9 @@ def draw_episode(episodes: Episodes, i: int) -> np.ndarray:
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.add_collection(
-        PolyCollection(mesh.vertices[mesh.quads], facecolors="#dbe9f6", edgecolors="#5b7c99", linewidths=0.7)
+        PolyCollection(list(mesh.vertices[mesh.quads]), facecolors="#dbe9f6", edgecolors="#5b7c99", linewidths=0.7)
     )
-    axes.add_collection(PolyCollection(domain.points[domain.segments], facecolors="none", edgecolors="#222222"))
+    axes.add_collection(PolyCollection(list(domain.points[domain.segments]), facecolors="none", edgecolors="#222222"))
     if len(ring):
         axes.add_collection(PolyCollection([ring], facecolors="none", edgecolors="#c0392b", linewidths=1.6))
         axes.plot(*ring.T, ".", color="#c0392b", markersize=3)

@@ -1,8 +1,8 @@
 """The reward's three named terms (paper, section "Reward function") and the two constants beside them.
 
-    r = -0.1                    invalid action
-        10                      the element that completes the mesh
-        eta_e + eta_b + mu      otherwise
+r = -0.1                    invalid action
+    10                      the element that completes the mesh
+    eta_e + eta_b + mu      otherwise
 """
 
 from __future__ import annotations

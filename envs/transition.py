@@ -114,20 +114,20 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
     out.rejection[i] = cut.rejection
     out.terms[i, :] = 0.0
     out.terminated[i] = False
-    front.count[STEPS] += 1
+    front.counts[STEPS] += 1
     if cut.rejection != ACCEPTED:
-        front.count[INVALID] += 1
+        front.counts[INVALID] += 1
         out.reward[i] = INVALID_REWARD
-        out.truncated[i] = front.count[INVALID] >= numbers.max_invalid
+        out.truncated[i] = front.counts[INVALID] >= numbers.max_invalid
     else:
-        front.count[INVALID] = 0
+        front.counts[INVALID] = 0
         quality = eta_e(cut)
         area = element_area(cut)
         x, y, k = cut.x, cut.y, cut.k
         new = (k + 1) & 3
         advance(front, cut.start, k, x[new], y[new], x[3], y[3], area, numbers.n_rv)
         front.measure[ETA_SUM] += quality
-        if front.count[RING] == 4:
+        if front.counts[RING] == 4:
             front.measure[ETA_SUM] += ring_quality(front)
             close(front)
             out.reward[i] = LAST_REWARD
@@ -138,7 +138,7 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
             density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.continuous)
             out.terms[i, 0], out.terms[i, 1], out.terms[i, 2] = quality, boundary, density
             out.reward[i] = quality + boundary + density
-            out.truncated[i] = front.count[ELEMENTS] >= cap
+            out.truncated[i] = front.counts[ELEMENTS] >= cap
             observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, out.observation[i])
     front.measure[RETURN] += out.reward[i]
 

@@ -63,16 +63,14 @@ class MeshVectorEnv(VectorEnv):
         seeds = [None if seed is None else seed + i for i in range(self.num_envs)] if (
             seed is None or isinstance(seed, int)
         ) else list(seed)  # fmt: skip
-        for i in np.flatnonzero(mask):
+        for i in np.flatnonzero(mask).tolist():
             if seeds[i] is not None:
                 self._randoms[i] = seeding.np_random(seeds[i])[0]
             self._begin(i)
         self._ended[mask] = False
         return self.episodes.out.observation.copy(), {"domain": self._domain_names(), "_domain": mask}
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One action in every episode; actions (B, 3) or (B, 5) in [-1, 1]."""
         out, began = self.episodes.out, self._ended
         self.episodes.step(actions, skip=began)
@@ -82,7 +80,7 @@ class MeshVectorEnv(VectorEnv):
             out.terms[began] = 0.0
             out.rejection[began] = 0
             out.terminated[began] = out.truncated[began] = False
-            for i in np.flatnonzero(began):
+            for i in np.flatnonzero(began).tolist():
                 self._begin(i)
         stepped = ~began
         terms = out.terms.copy()
@@ -104,7 +102,7 @@ class MeshVectorEnv(VectorEnv):
             infos,
         )
 
-    def render(self) -> tuple[np.ndarray, ...] | None:
+    def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
         """One picture an episode, (height, width, 3) uint8."""
         if self.render_mode != "rgb_array":
             return None
@@ -134,7 +132,7 @@ class MeshVectorEnv(VectorEnv):
         return np.array([domain.name for domain in self.episodes.domains])[self.episodes.domain_of]
 
     def _tell_endings(self, infos: dict[str, Any]) -> None:
-        for i in np.flatnonzero(self._ended):
+        for i in np.flatnonzero(self._ended).tolist():
             for key, value in ending(self.episodes, i).items():
                 if key not in infos:
                     kind = object if key in ("mesh", "domain") else type(value)

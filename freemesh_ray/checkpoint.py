@@ -63,5 +63,7 @@ def restore(algorithm: Checkpointed, path: Path) -> dict[str, Any]:
         progress = json.loads((path / PROGRESS).read_text())
         algorithm.restore_from_path(str((path / "algorithm").absolute()))
     except (OSError, EOFError, json.JSONDecodeError) as error:
-        raise CheckpointError(f"{path}: unreadable checkpoint ({error}); remove it to go on from the one before") from error
+        raise CheckpointError(
+            f"{path}: unreadable checkpoint ({error}); remove it to go on from the one before"
+        ) from error
     return progress

@@ -49,8 +49,12 @@ def parser() -> argparse.ArgumentParser:
         "Files named without a folder are looked for in tune_configs, too. Every key and its meaning stands in\n"
         "tune_configs/defaults.yaml. Ctrl-C saves a checkpoint; the same command with --resume goes on from it.",
     )
-    train.add_argument("--config", action="append", default=[], metavar="FILE", help="YAML overlay on the defaults; repeatable")
-    train.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="one setting; comes last; repeatable")
+    train.add_argument(
+        "--config", action="append", default=[], metavar="FILE", help="YAML overlay on the defaults; repeatable"
+    )
+    train.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="one setting; comes last; repeatable"
+    )
     train.add_argument("--resume", action="store_true", help="go on from the run's last checkpoint, if there is one")
 
     mesh = commands.add_parser(
@@ -58,7 +62,9 @@ def parser() -> argparse.ArgumentParser:
         help="mesh a domain with a trained policy",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Mesh a domain: a catalogue name, random:SEED, or a file (GeoJSON, WKT, JSON list of [x, y]).",
-        epilog="examples:\n  freemesh mesh D4 -o d4.png\n  freemesh mesh part.geojson -o part.inp --policy runs/default/policy.npz",
+        epilog="examples:\n"
+        "  freemesh mesh D4 -o d4.png\n"
+        "  freemesh mesh part.geojson -o part.inp --policy runs/default/policy.npz",
     )
     mesh.add_argument("domain", metavar="DOMAIN")
     mesh.add_argument("-o", "--output", required=True, action="append", metavar="OUT",
@@ -69,13 +75,20 @@ def parser() -> argparse.ArgumentParser:
     mesh.add_argument("--attempts", type=int, default=32, metavar="N", help="sampled attempts if the first fails (32)")
     mesh.add_argument("--seed", type=int, default=0, metavar="N", help="of the sampling (0)")
 
-    commands.add_parser("domains", help="list the catalogue", description="List the domains that ship with the package.")
+    commands.add_parser(
+        "domains", help="list the catalogue", description="List the domains that ship with the package."
+    )
 
     bench = commands.add_parser(
         "bench", help="measure speeds on this machine", description="Measure environment, learner and sampling speed."
     )
-    bench.add_argument("--part", action="append", choices=["env", "learner", "sampling", "curves"], metavar="PART",
-                       help="env, learner, sampling (default: these three), curves (learning curves, long); repeatable")  # fmt: skip
+    bench.add_argument(
+        "--part",
+        action="append",
+        choices=["env", "learner", "sampling", "curves"],
+        metavar="PART",
+        help="env, learner, sampling (default: these three) or curves (against Stable-Baselines3, long); repeatable",
+    )
     bench.add_argument("--seconds", type=float, default=5.0, help="of each measurement (5)")
     bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves are written")
     return top

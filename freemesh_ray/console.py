@@ -13,6 +13,7 @@ import numpy as np
 from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray.metrics import measure
+from freemesh_ray.table import table
 from freemesh_ray.train import Status, Trained
 
 #: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
@@ -70,16 +71,6 @@ class Progress:
             self._width = 0
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns aligned: the first to the left, the others to the right."""
-    lines = [list(header), *(list(row) for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(line, widths, strict=True))).rstrip()
-        for line in lines
-    )  # fmt: skip
-
-
 COLUMNS = (
     ("elements", "elements", ".0f"),
     ("eta", "eta", ".3f"),
@@ -107,7 +98,8 @@ def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
         table(["domain", "completed", *(title for _, title, _ in COLUMNS)], rows),
         "",
         f"trained {progress.env_steps:,} steps, {progress.updates:,} updates in {duration(progress.seconds)}"
-        f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s); best policy from step {progress.best_steps:,}",
+        f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s)",
+        f"best policy from step {progress.best_steps:,}",
         f"policy      {trained.policy}",
         f"checkpoint  {trained.checkpoint}",
         f"curve       {trained.curve}",
@@ -116,8 +108,8 @@ def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
     tracking = config["tracking"]
     if tracking["enabled"]:
         uri = tracking["uri"]
-        command = f"mlflow ui --backend-store-uri {uri}" if uri.startswith("sqlite") else f"open {uri}"
-        lines.append(f"compare     .venv/bin/{command}" if uri.startswith("sqlite") else f"compare     {command}")
+        local = uri.startswith("sqlite")
+        lines.append(f"compare     {f'.venv/bin/mlflow ui --backend-store-uri {uri}' if local else uri}")
     return "\n".join(lines)
 
 
@@ -127,15 +119,27 @@ def domain_table(domains: Sequence[Domain]) -> str:
     for domain in domains:
         ends = domain.points[domain.segments]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        back, ahead = np.roll(domain.vertices, 1, axis=0) - domain.vertices, np.roll(domain.vertices, -1, axis=0) - domain.vertices
-        turn = np.arctan2(ahead[:, 0] * back[:, 1] - ahead[:, 1] * back[:, 0], np.sum(ahead * back, axis=1))
-        sharpest = np.degrees(turn % (2 * np.pi)).min()
         rows.append(
-            [domain.name, str(len(domain.segments)), f"{lengths.sum():.2f}", f"{domain.area:.2f}",
-             f"{lengths.max() / lengths.min():.2f}", f"{sharpest:.0f}°", "seamed hole" if len(domain.ring) > len(domain.segments) else ""]
-        )  # fmt: skip
+            [
+                domain.name,
+                str(len(domain.segments)),
+                f"{lengths.sum():.2f}",
+                f"{domain.area:.2f}",
+                f"{lengths.max() / lengths.min():.2f}",
+                f"{sharpest_corner(domain):.0f}°",
+                "with a hole" if len(domain.ring) > len(domain.segments) else "",
+            ]
+        )
     header = ["domain", "vertices", "perimeter", "area", "longest/shortest", "sharpest", ""]
     return table(header, rows)
+
+
+def sharpest_corner(domain: Domain) -> float:
+    """The least angle inside the domain, degrees."""
+    ahead = np.roll(domain.vertices, -1, axis=0) - domain.vertices
+    behind = np.roll(domain.vertices, 1, axis=0) - domain.vertices
+    turn = np.arctan2(ahead[:, 0] * behind[:, 1] - ahead[:, 1] * behind[:, 0], np.sum(ahead * behind, axis=1))
+    return float(np.degrees(turn % (2 * np.pi)).min())
 
 
 def mesh_line(mesh: Mesh, outputs: Sequence[Path]) -> str:

@@ -41,7 +41,9 @@ class Curriculum:
             raise ValueError("a curriculum needs at least one stage")
         if len(set(self.stages)) != len(self.stages):
             raise ValueError(f"a curriculum's stages must differ: {', '.join(self.stages)}")
-        if not (0 < self.promote_at <= 1 and 0 <= self.rehearsal < 1 and self.window >= 1 and self.max_stage_steps >= 1):
+        if not (
+            0 < self.promote_at <= 1 and 0 <= self.rehearsal < 1 and self.window >= 1 and self.max_stage_steps >= 1
+        ):
             raise ValueError("a curriculum needs promote_at in (0, 1], rehearsal in [0, 1), window and steps above 0")
 
     @property

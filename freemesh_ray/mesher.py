@@ -39,7 +39,8 @@ def mesh(policy: Policy, domain: Domain, *, attempts: int = 32, seed: int = 0) -
         farthest = max(results, key=lambda result: result.mesh.areas.sum())
         share = farthest.mesh.areas.sum() / domain.area
         raise MeshingError(
-            f"{domain.name}: the policy did not complete it in {len(results)} attempts (at best {share:.1%} of the area); "
+            f"{domain.name}: the policy did not complete it in {len(results)} attempts "
+            f"(at best {share:.1%} of the area); "
             "raise --attempts, or train longer or on domains more like it"
         )
     return validated(max(completed, key=quality).mesh, domain)

@@ -1,12 +1,12 @@
 """The folder of a run: where its parts lie.
 
-    runs/NAME/config.yaml            the resolved configuration
-              evaluations.jsonl      one line an evaluation
-              checkpoints/step_...   to go on from
-              policy.npz             the best policy
-              learning_curve.png
-              meshes/                every stage meshed with it
-              tracking/              the tracking journal
+runs/NAME/config.yaml            the resolved configuration
+          evaluations.jsonl      one line an evaluation
+          checkpoints/step_...   to go on from
+          policy.npz             the best policy
+          learning_curve.png
+          meshes/                every stage meshed with it
+          tracking/              the tracking journal
 """
 
 from __future__ import annotations

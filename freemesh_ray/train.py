@@ -231,7 +231,8 @@ class Training:
         The best is the one that completes most of the stages reached so far, deterministically, and of those the one
         with the highest return.
         """
-        policy, values = self.policy(), {}
+        policy = self.policy()
+        values: dict[str, float] = {}
         for kind, stochastic in (("deterministic", False), ("stochastic", True)):
             figures = [self._evaluate_on(policy, domain, stochastic) for domain in self._domains]
             for domain, means in zip(self._domains, figures, strict=True):
@@ -332,11 +333,21 @@ def train(
     write_text(folder.config, dump(config))
     tracking = config["tracking"]
     algorithm = make(config)
+    tags = {
+        "algorithm": config["algorithm"],
+        "seed": str(config["seed"]),
+        "domain": ",".join(config["curriculum"]["stages"]),
+    }
     with Run(
-        folder.path, uri=tracking["uri"], experiment=tracking["experiment"], name=config["name"], params=flatten(config),
-        tags={"algorithm": config["algorithm"], "seed": str(config["seed"]), "domain": ",".join(config["curriculum"]["stages"])},
-        resume=resume, enabled=tracking["enabled"],
-    ) as run:  # fmt: skip
+        folder.path,
+        uri=tracking["uri"],
+        experiment=tracking["experiment"],
+        name=config["name"],
+        params=flatten(config),
+        tags=tags,
+        resume=resume,
+        enabled=tracking["enabled"],
+    ) as run:
         training = Training(algorithm, config, folder, run, report, note)
         if resume:
             training.resume()

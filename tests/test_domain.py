@@ -356,7 +356,7 @@ def test_training_domains_grow_harder() -> None:
     domains = [load(name) for name in ("T1", "T2", "T3")]
     counts, sharpest = [len(d.ring) for d in domains], [angles(d).min() for d in domains]
     uneven = [lengths(d).max() / lengths(d).min() for d in domains]
-    assert 36 <= counts[0] <= 44 < 56 <= counts[1] <= 64 < 80 <= counts[2] <= 100
+    assert counts == [72, 100, 144]
     assert sharpest[0] > 40 > sharpest[1] > 30 > sharpest[2] > 24
     assert 1.5 < uneven[0] < uneven[1] < uneven[2] < 3.1
 

@@ -16,7 +16,11 @@ def numbered(first: int, count: int) -> Transitions:
     """Transitions that carry their number in every field."""
     number = np.arange(first, first + count, dtype=np.float32)
     return Transitions(
-        np.stack([number] * 3, axis=1), np.stack([number] * 2, axis=1), number, np.stack([number + 1] * 3, axis=1), number % 2
+        np.stack([number] * 3, axis=1),
+        np.stack([number] * 2, axis=1),
+        number,
+        np.stack([number + 1] * 3, axis=1),
+        number % 2,
     )
 
 

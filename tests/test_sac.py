@@ -24,7 +24,7 @@ from freemesh_ray.local_ray import local_ray
 
 @pytest.fixture(scope="module", autouse=True)
 def ray() -> Iterator[None]:
-    with local_ray(2):
+    with local_ray(7):  # slots for two algorithms at a time
         yield
 
 

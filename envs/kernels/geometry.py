@@ -1,9 +1,9 @@
 """Plane geometry on scalars. All angles in radians, counter-clockwise; all polygons counter-clockwise.
 
-      c                      angle(b - a, c - a) turns the first direction
-     /                       counter-clockwise onto the second: [0, 2 pi).
-    a --- b                  For a vertex a of a counter-clockwise ring, with b the next and c the
-                             previous vertex, that is the angle inside the domain.
+  c                      angle(b - a, c - a) turns the first direction
+ /                       counter-clockwise onto the second: [0, 2 pi).
+a --- b                  For a vertex a of a counter-clockwise ring, with b the next and c the
+                         previous vertex, that is the angle inside the domain.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class SACConfig(RLlibSACConfig):
         self.initial_alpha = 1.0
         self.target_entropy: str | float = "auto"
         self.train_batch_size_per_learner = 256
-        self.replay_buffer_config = {"type": "EpisodeReplayBuffer", "capacity": 1_000_000}
+        self.replay_buffer_config: dict[str, Any] = {"type": "EpisodeReplayBuffer", "capacity": 1_000_000}
         self.hidden: list[int] = [128, 128, 128]
         self.updates_per_step = 1.0
         self.warmup_steps = 5_000

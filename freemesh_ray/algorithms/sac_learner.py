@@ -14,6 +14,7 @@ from ray.rllib.core.learner.torch.torch_learner import TorchLearner
 from torch.nn.functional import mse_loss
 
 from freemesh_ray.algorithms import squashed_gaussian
+from freemesh_ray.algorithms.adam import LeanAdam
 from freemesh_ray.algorithms.sac_module import SACModule
 
 #: Names of the figures that an update reports.
@@ -35,7 +36,7 @@ class SACLearner(TorchLearner):
             self.register_optimizer(
                 module_id=module_id,
                 optimizer_name=name,
-                optimizer=torch.optim.Adam(parameters, lr=rate, fused=True),
+                optimizer=LeanAdam(parameters, lr=rate),
                 params=parameters,
                 lr_or_lr_schedule=rate,
             )
@@ -69,10 +70,12 @@ class SACLearner(TorchLearner):
                 rows[key].split(size)
                 for key in (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS, Columns.TERMINATEDS)
             ]
-            figures = [self._step(module_id, config, *minibatch) for minibatch in zip(*columns, strict=True)]
-            means = torch.stack(figures).mean(dim=0).tolist()
-            self.metrics.log_dict(dict(zip(FIGURES, means, strict=True)), key=module_id, window=1)
-            losses[module_id] = torch.tensor(means[0] + means[1] + means[2])
+            for minibatch in zip(*columns, strict=True):
+                figures = self._step(module_id, config, *minibatch)
+            # Those of the last minibatch: reducing every one's would cost as much as an optimizer.
+            values = [float(figure.mean()) for figure in figures]
+            self.metrics.log_dict(dict(zip(FIGURES, values, strict=True)), key=module_id, window=1)
+            losses[module_id] = torch.tensor(values[0] + values[1] + values[2])
         return {}, losses, {}
 
     def _step(
@@ -84,7 +87,7 @@ class SACLearner(TorchLearner):
         rewards: torch.Tensor,
         next_obs: torch.Tensor,
         terminated: torch.Tensor,
-    ) -> torch.Tensor:
+    ) -> list[torch.Tensor]:
         module: SACModule = self._module[module_id]
         noise = torch.randn((2, *actions.shape), generator=self._noise)
         alpha = module.log_alpha.detach().exp()
@@ -118,10 +121,9 @@ class SACLearner(TorchLearner):
             parameter.requires_grad_(True)
 
         with torch.no_grad():
-            torch._foreach_lerp_(list(module.target_critic.parameters()), critic_parameters, config.tau)
-        return torch.stack(
-            [critic_loss.detach(), actor_loss.detach(), alpha_loss[0], alpha[0], q.detach().mean(), log_pi.detach().mean()]
-        )
+            targets: list[torch.Tensor] = list(module.target_critic.parameters())
+            torch._foreach_lerp_(targets, list[torch.Tensor](critic_parameters), config.tau)
+        return [figure.detach() for figure in (critic_loss, actor_loss, alpha_loss, alpha, q, log_pi)]
 
     def _descend(self, module_id: str, name: str, parameters: list[Any], gradients: Any) -> None:
         for parameter, gradient in zip(parameters, gradients, strict=True):

@@ -1,0 +1,31 @@
+# make train            the main job: about 20 minutes on two cores after the installation
+# make train BUDGET=paper    the paper's 1.2 million steps
+# make test             the checks and the whole test suite
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BUDGET ?= default
+BIN := .venv/bin
+
+.PHONY: train test clean
+
+train: .venv/.installed
+	$(BIN)/freemesh train --config train_$(BUDGET).yaml --resume
+
+test: .venv/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest
+
+# torch first, by its exact pin: what asks for it later is then content with the CPU build.
+.venv/.installed: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "freemesh-ray needs Python 3.11 or newer: make PYTHON=python3.11")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check torch==2.13.0
+	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+clean:
+	rm -rf .venv .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -1,0 +1,180 @@
+"""The training loop with a fake algorithm: budget, evaluation, the best policy, checkpoints, interruption, resume."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from freemesh_ray import checkpoint, config
+from freemesh_ray.algorithms.env_runner import Episode
+from freemesh_ray.curriculum import Curriculum
+from freemesh_ray.runs import RunExistsError, newest_policy
+from freemesh_ray.train import Progress, Status, Training, train
+
+
+class Fake:
+    """Takes 100 steps an iteration; its network acts nearly uniformly; may be made to raise."""
+
+    def __init__(self, interrupt_at: int | None = None) -> None:
+        self.env_steps = self.updates = 0
+        self.curriculum = Curriculum(("T1",))
+        self.finished: list[Any] = []
+        self.interrupt_at = interrupt_at
+        self.saved = 0
+
+    def train(self) -> dict[str, Any]:
+        self.env_steps += 100
+        self.updates += 50
+        if self.interrupt_at is not None and self.env_steps >= self.interrupt_at:
+            self.interrupt_at = None
+            raise KeyboardInterrupt
+        self.finished.append(Episode("T1", 60, float(self.env_steps), True, 30, 0.5))
+        return {"learners": {"default_policy": {"alpha": 0.1}}}
+
+    def actor_weights(self) -> list[tuple[Any, Any]]:
+        return [(np.zeros((15, 6), dtype=np.float32), np.array([0, 0, 0, 0.3, 0.3, 0.3], dtype=np.float32))]
+
+    def save_to_path(self, path: str) -> None:
+        Path(path).mkdir(parents=True)
+        (Path(path) / "state.json").write_text(json.dumps([self.env_steps, self.updates]))
+        self.saved += 1
+
+    def restore_from_path(self, path: str) -> None:
+        self.env_steps, self.updates = json.loads((Path(path) / "state.json").read_text())
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> dict[str, Any]:
+    return config.load(
+        ["train_smoke"],
+        [
+            f"paths.runs={tmp_path / 'runs'}",
+            "name=fake",
+            "budget.env_steps=1000",
+            "evaluation.interval=300",
+            "evaluation.episodes=2",
+            "checkpoint.interval=400",
+            "tracking.enabled=false",
+        ],
+    )
+
+
+def run(settings: dict[str, Any], fake: Fake, **options: Any) -> Any:
+    return train(settings, make=lambda _: fake, **options)
+
+
+def rows(settings: dict[str, Any]) -> list[dict[str, Any]]:
+    path = Path(settings["paths"]["runs"]) / "fake" / "evaluations.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_it_trains_to_its_budget_and_evaluates_on_the_way(settings: dict[str, Any]) -> None:
+    statuses: list[Status] = []
+    trained = run(settings, Fake(), report=statuses.append)
+    assert trained.progress.env_steps == 1000
+    assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
+    assert [status.env_steps for status in statuses] == list(range(100, 1001, 100))
+    assert statuses[-1].completion_rate == 1.0
+    assert statuses[-1].mean_return == pytest.approx(np.mean(range(100, 1001, 100)))
+    assert trained.policy.is_file()
+    assert trained.curve.is_file()
+    assert trained.checkpoint.name == "step_000001000"
+
+
+def test_only_the_newest_checkpoints_are_kept(settings: dict[str, Any]) -> None:
+    run(settings, Fake())
+    found = checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints")
+    assert [path.name for path in found] == ["step_000001000", "step_000000800"]
+
+
+def test_an_interrupted_run_saves_and_goes_on_to_the_same_end(settings: dict[str, Any]) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run(settings, Fake(interrupt_at=600))
+    fake = Fake()
+    trained = run(settings, fake, resume=True)
+    assert trained.progress.env_steps == 1000
+    assert trained.progress.updates == 500
+
+
+def test_a_run_is_not_overwritten(settings: dict[str, Any]) -> None:
+    run(settings, Fake())
+    with pytest.raises(RunExistsError, match="--resume"):
+        run(settings, Fake())
+    assert run(settings, Fake(), resume=True).progress.env_steps == 1000
+
+
+def test_resume_without_a_checkpoint_begins(settings: dict[str, Any]) -> None:
+    assert run(settings, Fake(), resume=True).progress.env_steps == 1000
+
+
+def test_the_time_budget_counts_all_sessions(settings: dict[str, Any], tmp_path: Path) -> None:
+    settings["budget"] = {"env_steps": 10**9, "minutes": 1.0}
+    training = Training(Fake(), settings, _folder(tmp_path), _no_tracking(tmp_path), progress=Progress(seconds=59.9))
+    assert not training.done()
+    training.progress.seconds = 60.0
+    assert training.done()
+
+
+def test_the_best_policy_is_the_one_that_completes_most(settings: dict[str, Any], tmp_path: Path) -> None:
+    """Of two that complete nothing, the one with the higher return: standing still loses 10, acting wildly more."""
+    fake = Fake()
+    wild = fake.actor_weights()
+    stuck = [(np.zeros((15, 6), dtype=np.float32), np.array([0, -9, 0, -9, -9, -9], dtype=np.float32))]
+    training = Training(fake, settings, _folder(tmp_path), _no_tracking(tmp_path))
+    training.folder.claim(resume=False)
+    fake.actor_weights = lambda: stuck  # type: ignore[method-assign]
+    values = training.evaluate()
+    first = training.progress.best
+    assert first == [values["eval_deterministic/completion_rate"], values["eval_deterministic/return"]]
+    training.progress.env_steps = 200
+    fake.actor_weights = lambda: wild  # type: ignore[method-assign]
+    assert training.evaluate()["eval_deterministic/return"] < first[1]
+    assert training.progress.best == first
+    assert training.progress.best_steps == 0
+    training.progress.best = [-1.0, 0.0]
+    training.evaluate()
+    assert training.progress.best_steps == 200
+
+
+def test_a_checkpoint_cut_short_is_not_seen(tmp_path: Path) -> None:
+    """What a kill in mid-save leaves behind."""
+
+    class Dies(Fake):
+        def save_to_path(self, path: str) -> None:
+            super().save_to_path(path)
+            raise KeyboardInterrupt
+
+    checkpoint.save(Fake(), {"env_steps": 1}, tmp_path, keep=2)
+    with pytest.raises(KeyboardInterrupt):
+        checkpoint.save(Dies(), {"env_steps": 2}, tmp_path, keep=2)
+    assert [path.name for path in checkpoint.found(tmp_path)] == ["step_000000001"]
+    checkpoint.save(Fake(), {"env_steps": 2}, tmp_path, keep=2)
+    assert len(checkpoint.found(tmp_path)) == 2
+
+
+def test_an_unreadable_checkpoint_is_named(tmp_path: Path) -> None:
+    path = checkpoint.save(Fake(), {"env_steps": 1}, tmp_path, keep=2)
+    (path / "progress.json").write_text("{")
+    with pytest.raises(checkpoint.CheckpointError, match="step_000000001"):
+        checkpoint.restore(Fake(), path)
+
+
+def test_the_newest_policy_is_found(settings: dict[str, Any], tmp_path: Path) -> None:
+    trained = run(settings, Fake())
+    assert newest_policy(Path(settings["paths"]["runs"])) == trained.policy
+
+
+def _folder(tmp_path: Path) -> Any:
+    from freemesh_ray.runs import RunFolder
+
+    return RunFolder(tmp_path / "run")
+
+
+def _no_tracking(tmp_path: Path) -> Any:
+    from freemesh_ray.tracking import Run
+
+    return Run(tmp_path, uri="", experiment="", name="", enabled=False)
