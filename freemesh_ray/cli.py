@@ -123,9 +123,11 @@ def train(options: argparse.Namespace) -> int:
     from freemesh_ray import config
     from freemesh_ray.console import Progress, train_table
     from freemesh_ray.local_ray import local_ray
+    from freemesh_ray.train import prepare
     from freemesh_ray.train import train as run
 
     settings = config.load(options.config, options.set)
+    prepare(settings, options.resume)
     progress = Progress(sys.stdout)
     with local_ray(settings["runners"]["count"]):
         from freemesh_ray.algorithms.build import build

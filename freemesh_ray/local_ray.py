@@ -4,9 +4,29 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+
+@contextmanager
+def _without_its_greeting() -> Iterator[None]:
+    """Keep the line with which Ray's C++ part announces the log level that silences it off stderr."""
+    sys.stderr.flush()
+    saved = os.dup(2)
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            caught.seek(0)
+            for line in caught.read().decode(errors="replace").splitlines():
+                if "Set ray log level" not in line:
+                    print(line, file=sys.stderr)
 
 
 @contextmanager
@@ -18,20 +38,23 @@ def local_ray(workers: int) -> Iterator[None]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("PYTHONWARNINGS", "ignore::DeprecationWarning")
     warnings.filterwarnings("ignore", category=DeprecationWarning)
+    # RLlib registers its one environment name again for every algorithm.
+    warnings.filterwarnings("ignore", message=".*Overriding environment rllib.*")
     import ray
 
     logging.getLogger("ray").setLevel(logging.ERROR)
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
-    if os.environ.get("RAY_ADDRESS"):
-        ray.init(logging_level=logging.ERROR, log_to_driver=False)
-    else:
-        # As many slots as processes, whatever the machine has: the runners share its cores with the learner.
-        ray.init(
-            num_cpus=max(workers + 1, os.cpu_count() or 1),
-            include_dashboard=False,
-            logging_level=logging.ERROR,
-            log_to_driver=False,
-        )
+    with _without_its_greeting():
+        if os.environ.get("RAY_ADDRESS"):
+            ray.init(logging_level=logging.ERROR, log_to_driver=False)
+        else:
+            # As many slots as processes, whatever the machine has: the runners share its cores with the learner.
+            ray.init(
+                num_cpus=max(workers + 1, os.cpu_count() or 1),
+                include_dashboard=False,
+                logging_level=logging.ERROR,
+                log_to_driver=False,
+            )
     try:
         yield
     finally:

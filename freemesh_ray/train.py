@@ -326,10 +326,9 @@ def train(
         report, note: see Training.
 
     Raises:
-        RunExistsError: the run has checkpoints and ``resume`` is false.
+        DomainError, RunExistsError: see `prepare`.
     """
-    folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
-    folder.claim(resume)
+    folder = prepare(config, resume)
     write_text(folder.config, dump(config))
     tracking = config["tracking"]
     algorithm = make(config)
@@ -358,6 +357,20 @@ def train(
         for path in [folder.policy, curve, *(file for entry in produced for file in entry.files)]:
             run.artifact(path, "meshes" if path.parent.name == "meshes" else None)
     return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], curve, produced)
+
+
+def prepare(config: Mapping[str, Any], resume: bool) -> RunFolder:
+    """What can be wrong before anything is started: the stages' domains, then the run's folder, which is made.
+
+    Raises:
+        DomainError: a stage that cannot be meshed.
+        RunExistsError: the run has checkpoints and ``resume`` is false.
+    """
+    for stage in config["curriculum"]["stages"]:
+        load(stage)
+    folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
+    folder.claim(resume)
+    return folder
 
 
 def deliver(training: Training) -> list[Produced]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -15,9 +15,9 @@ class LeanAdam(torch.optim.Adam):
     the fused kernel with the tensors remembered from it.
     """
 
-    def __init__(self, parameters: list[torch.Tensor], lr: float) -> None:
+    def __init__(self, parameters: Sequence[torch.Tensor], lr: float) -> None:
         self._tensors: tuple[list[torch.Tensor], ...] | None = None
-        super().__init__(parameters, lr=lr, fused=True)
+        super().__init__(list(parameters), lr=lr, fused=True)
 
     def load_state_dict(self, state_dict: Any) -> None:
         """Take over a state."""
@@ -31,10 +31,12 @@ class LeanAdam(torch.optim.Adam):
         if self._tensors is None:
             super().step(closure)
             states = [self.state[parameter] for parameter in group["params"]]
+            for state in states:
+                state["step"] = states[0]["step"]  # one counter for all
             self._tensors = tuple([state[key] for state in states] for key in ("exp_avg", "exp_avg_sq", "step"))
             return
         averages, squares, steps = self._tensors
-        torch._foreach_add_(steps, 1)
+        steps[0].add_(1.0)
         torch._fused_adam_(
             group["params"],
             [parameter.grad for parameter in group["params"]],

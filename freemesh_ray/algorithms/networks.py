@@ -1,13 +1,18 @@
-"""Plain multi-layer perceptrons: one, and two of the same shape evaluated together.
+"""Plain multi-layer perceptrons: one, and two of the same shape evaluated together, with their gradients written out.
 
 Weights are (inputs, outputs) matrices, initialised as torch's ``nn.Linear`` are: uniform in +-1/sqrt(inputs). The
 twin stacks both networks' weights on a leading axis, so that each layer is one batched product in place of two.
+
+With networks this small automatic differentiation costs a third of an update, so ``trace`` and ``backward`` do it by
+hand. For a layer y = relu(x W + b) with gradient g of y, masked by y > 0:
+
+    dW = x^T g        db = sum of g over the batch        dx = g W^T
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import nn
@@ -27,39 +32,70 @@ class Mlp(nn.Module):
         outputs: features out.
     """
 
+    #: Axes in front of the weights' two, and how a layer is computed with them.
+    lead: tuple[int, ...] = ()
+    layer: Callable[..., torch.Tensor] = staticmethod(torch.addmm)
+    product: Callable[..., torch.Tensor] = staticmethod(torch.mm)
+
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int) -> None:
         super().__init__()
         sizes = [inputs, *hidden, outputs]
         pairs = list(zip(sizes[:-1], sizes[1:], strict=True))
-        self.weights = nn.ParameterList([_uniform((a, b), a) for a, b in pairs])
-        self.biases = nn.ParameterList([_uniform((b,), a) for a, b in pairs])
+        ones = (1,) * len(self.lead)
+        self.weights = nn.ParameterList([_uniform((*self.lead, a, b), a) for a, b in pairs])
+        self.biases = nn.ParameterList([_uniform((*self.lead, *ones, b), a) for a, b in pairs])
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """(batch, inputs) -> (batch, outputs)."""
+        return self._layers(x)[-1]
+
+    def _layers(self, x: torch.Tensor) -> list[torch.Tensor]:
+        values = [x.expand(*self.lead, *x.shape)]
         last = len(self.weights) - 1
-        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = torch.addmm(bias, x, weight)
-            if layer < last:
-                x = x.relu_()
-        return x
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            y = self.layer(bias, values[-1], weight)
+            values.append(y.relu_() if i < last else y)
+        return values
+
+    @torch.no_grad()
+    def trace(self, x: torch.Tensor) -> list[torch.Tensor]:
+        """The input, every hidden layer's output and the network's output, for ``backward``."""
+        return self._layers(x)
+
+    @torch.no_grad()
+    def backward(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> list[torch.Tensor]:
+        """Gradients of all weights and then all biases, in the order of ``parameters()``.
+
+        Args:
+            trace: of the forward pass.
+            gradient: of the network's output.
+        """
+        weights: list[torch.Tensor] = []
+        biases: list[torch.Tensor] = []
+        for i in range(len(self.weights) - 1, -1, -1):
+            x = trace[i]
+            weights.append(self.product(x.mT, gradient))
+            biases.append(gradient.sum(dim=-2, keepdim=bool(self.lead)))
+            if i:
+                gradient = self._through(self.weights[i], x, gradient)
+        return weights[::-1] + biases[::-1]
+
+    @torch.no_grad()
+    def backward_to_input(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
+        """Gradient of the input, (batch, inputs); of a twin the sum of both networks'."""
+        for i in range(len(self.weights) - 1, 0, -1):
+            gradient = self._through(self.weights[i], trace[i], gradient)
+        gradient = self.product(gradient, self.weights[0].mT)
+        return gradient.sum(dim=0) if self.lead else gradient
+
+    def _through(self, weight: torch.Tensor, x: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
+        passed = self.product(gradient, weight.mT)
+        return torch.ops.aten.threshold_backward.grad_input(passed, x, 0.0, grad_input=passed)
 
 
-class TwinMlp(nn.Module):
-    """Two Mlps with separate weights over the same input; arguments as for Mlp."""
+class TwinMlp(Mlp):
+    """Two Mlps with separate weights over the same input: (batch, inputs) -> (2, batch, outputs)."""
 
-    def __init__(self, inputs: int, hidden: Sequence[int], outputs: int) -> None:
-        super().__init__()
-        sizes = [inputs, *hidden, outputs]
-        pairs = list(zip(sizes[:-1], sizes[1:], strict=True))
-        self.weights = nn.ParameterList([_uniform((2, a, b), a) for a, b in pairs])
-        self.biases = nn.ParameterList([_uniform((2, 1, b), a) for a, b in pairs])
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(batch, inputs) -> (2, batch, outputs)."""
-        x = x.unsqueeze(0).expand(2, -1, -1)
-        last = len(self.weights) - 1
-        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = torch.baddbmm(bias, x, weight)
-            if layer < last:
-                x = x.relu_()
-        return x
+    lead = (2,)
+    layer = staticmethod(torch.baddbmm)
+    product = staticmethod(torch.bmm)

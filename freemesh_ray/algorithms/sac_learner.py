@@ -11,7 +11,6 @@ import torch
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.learner.torch.torch_learner import TorchLearner
-from torch.nn.functional import mse_loss
 
 from freemesh_ray.algorithms import squashed_gaussian
 from freemesh_ray.algorithms.adam import LeanAdam
@@ -78,6 +77,7 @@ class SACLearner(TorchLearner):
             losses[module_id] = torch.tensor(values[0] + values[1] + values[2])
         return {}, losses, {}
 
+    @torch.no_grad()
     def _step(
         self,
         module_id: str,
@@ -90,40 +90,46 @@ class SACLearner(TorchLearner):
     ) -> list[torch.Tensor]:
         module: SACModule = self._module[module_id]
         noise = torch.randn((2, *actions.shape), generator=self._noise)
-        alpha = module.log_alpha.detach().exp()
+        alpha = float(module.log_alpha.detach().exp())
         target_entropy = -float(actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
+        size = len(obs)
 
         # J(alpha)
-        new_actions, log_pi = squashed_gaussian.sample(module.actor(obs), noise[0])
-        alpha_gradient = -(log_pi.detach() + target_entropy).mean(dim=0, keepdim=True)
-        alpha_loss = module.log_alpha.detach() * alpha_gradient
+        actor_trace = module.actor.trace(obs)
+        new_actions, log_pi = squashed_gaussian.sample(actor_trace[-1], noise[0])
+        alpha_gradient = -(log_pi.mean() + target_entropy).reshape(1)
+        alpha_loss = module.log_alpha * alpha_gradient
         self._descend(module_id, "alpha", [module.log_alpha], [alpha_gradient])
 
-        # J_Q(theta): the soft Bellman residual against the target critics
-        with torch.no_grad():
-            next_actions, next_log_pi = squashed_gaussian.sample(module.actor(next_obs), noise[1])
-            next_q = module.target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
-            target = rewards + config.gamma * (1.0 - terminated) * (next_q - alpha * next_log_pi)
-        q = module.critic(torch.cat([obs, actions], dim=1)).squeeze(2)
-        # Half the squared error of each critic; SB3's, and Haarnoja's Eq. (5).
-        critic_loss = 0.5 * mse_loss(q, target.expand(2, -1), reduction="none").mean(dim=1).sum()
-        critic_parameters = list(module.critic.parameters())
-        self._descend(module_id, "critic", critic_parameters, torch.autograd.grad(critic_loss, critic_parameters))
+        # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
+        next_actions, next_log_pi = squashed_gaussian.sample(module.actor(next_obs), noise[1])
+        next_q = module.target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
+        target = rewards + config.gamma * (1.0 - terminated) * (next_q - alpha * next_log_pi)
+        critic_trace = module.critic.trace(torch.cat([obs, actions], dim=1))
+        residual = critic_trace[-1] - target.unsqueeze(1)
+        self._descend(
+            module_id, "critic", self._critic_parameters(module), module.critic.backward(critic_trace, residual / size)
+        )
 
-        # J(phi), with the critics just updated
-        for parameter in critic_parameters:
-            parameter.requires_grad_(False)
-        q_new = module.critic(torch.cat([obs, new_actions], dim=1)).amin(dim=0).squeeze(1)
-        actor_loss = (alpha * log_pi - q_new).mean()
-        actor_parameters = list(module.actor.parameters())
-        self._descend(module_id, "actor", actor_parameters, torch.autograd.grad(actor_loss, actor_parameters))
-        for parameter in critic_parameters:
-            parameter.requires_grad_(True)
+        # J(phi), with the critics just updated: alpha log pi - min Q, the gradient through the smaller critic only
+        q_trace = module.critic.trace(torch.cat([obs, new_actions], dim=1))
+        q_new, smaller = q_trace[-1].min(dim=0, keepdim=True)
+        d_q = torch.zeros_like(q_trace[-1]).scatter_(0, smaller, -1.0 / size)
+        d_action = module.critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
+        d_outputs = squashed_gaussian.backward(actor_trace[-1], noise[0], new_actions, d_action, alpha / size)
+        self._descend(
+            module_id, "actor", list(module.actor.parameters()), module.actor.backward(actor_trace, d_outputs)
+        )
 
-        with torch.no_grad():
-            targets: list[torch.Tensor] = list(module.target_critic.parameters())
-            torch._foreach_lerp_(targets, list[torch.Tensor](critic_parameters), config.tau)
-        return [figure.detach() for figure in (critic_loss, actor_loss, alpha_loss, alpha, q, log_pi)]
+        targets: list[torch.Tensor] = list(module.target_critic.parameters())
+        torch._foreach_lerp_(targets, self._critic_parameters(module), config.tau)
+        critic_loss = 0.5 * residual.square().sum() / size
+        actor_loss = alpha * log_pi.mean() - q_new.mean()
+        return [critic_loss, actor_loss, alpha_loss, torch.tensor(alpha), critic_trace[-1], log_pi]
+
+    @staticmethod
+    def _critic_parameters(module: SACModule) -> list[torch.Tensor]:
+        return list(module.critic.parameters())
 
     def _descend(self, module_id: str, name: str, parameters: list[Any], gradients: Any) -> None:
         for parameter, gradient in zip(parameters, gradients, strict=True):

@@ -37,6 +37,28 @@ def sample(outputs: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, to
     return u.tanh(), log_density(u, noise, log_std)
 
 
+def backward(
+    outputs: torch.Tensor, noise: torch.Tensor, action: torch.Tensor, d_action: torch.Tensor, d_log_pi: float
+) -> torch.Tensor:
+    """Gradient of the network's output, (batch, 2 d), through ``sample``.
+
+    With u = mean + std noise and a = tanh(u):  da/du = 1 - a^2,  dlog pi/du = 2 a,  dlog pi/dlog std = -1 besides,
+    du/dmean = 1,  du/dlog std = std noise.  Where log std is clamped its gradient is 0.
+
+    Args:
+        outputs: of the policy network.
+        noise: as given to ``sample``.
+        action: as ``sample`` returned it.
+        d_action: gradient of the loss by the action, (batch, d).
+        d_log_pi: gradient of the loss by each row's log density, the same for all rows.
+    """
+    log_std = outputs.chunk(2, dim=-1)[1]
+    d_u = d_action * (1.0 - action.square()) + 2.0 * d_log_pi * action
+    d_log_std = d_u * log_std.clamp(LOG_STD_MIN, LOG_STD_MAX).exp() * noise - d_log_pi
+    inside = (log_std >= LOG_STD_MIN) & (log_std <= LOG_STD_MAX)
+    return torch.cat([d_u, d_log_std * inside], dim=-1)
+
+
 def deterministic(outputs: torch.Tensor) -> torch.Tensor:
     """The squashed mean, (..., d) in [-1, 1]."""
     return split(outputs)[0].tanh()
