@@ -22,6 +22,8 @@ class LeanAdam(torch.optim.Adam):
     def load_state_dict(self, state_dict: Any) -> None:
         """Take over a state."""
         super().load_state_dict(state_dict)
+        for state in self.state.values():
+            state["step"] = state["step"].clone()  # torch's own step adds to every parameter's counter
         self._tensors = None
 
     @torch.no_grad()
