@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -128,6 +129,8 @@ def train(options: argparse.Namespace) -> int:
 
     settings = config.load(options.config, options.set)
     prepare(settings, options.resume)
+    # A scheduler's SIGTERM is a Ctrl-C: it saves a checkpoint, too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     progress = Progress(sys.stdout)
     with local_ray(settings["runners"]["count"]):
         from freemesh_ray.algorithms.build import build

@@ -23,7 +23,6 @@ from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray import checkpoint, export, plots
 from freemesh_ray.config import dump, flatten, meshing_parameters
-from freemesh_ray.evaluate import run_episodes, summary
 from freemesh_ray.mesher import MeshingError, mesh
 from freemesh_ray.metrics import measure
 from freemesh_ray.policy import Policy
@@ -44,6 +43,9 @@ class Algorithm(Protocol):
 
     def train(self) -> dict[str, Any]:
         """One iteration; a result tree as RLlib's."""
+
+    def evaluate(self) -> dict[str, Any]:
+        """Figures by kind (deterministic, stochastic) and domain."""
 
     def actor_weights(self) -> list[tuple[Any, Any]]:
         """Layers of the policy network."""
@@ -228,13 +230,13 @@ class Training:
     def evaluate(self) -> dict[str, float]:
         """Ten episodes (``evaluation.episodes``) on every stage, deterministic and stochastic; keep the best policy.
 
-        The best is the one that completes most of the stages reached so far, deterministically, and of those the one
-        with the highest return.
+        The best is the one that completes most, over all stages and deterministically, and of those the one with the
+        highest return.
         """
-        policy = self.policy()
+        found = self.algorithm.evaluate()
         values: dict[str, float] = {}
-        for kind, stochastic in (("deterministic", False), ("stochastic", True)):
-            figures = [self._evaluate_on(policy, domain, stochastic) for domain in self._domains]
+        for kind in ("deterministic", "stochastic"):
+            figures = [found[kind][domain.name] for domain in self._domains]
             for domain, means in zip(self._domains, figures, strict=True):
                 values |= {f"eval_{kind}/{domain.name}/{name}": value for name, value in means.items()}
             for name in figures[0]:
@@ -247,10 +249,6 @@ class Training:
             self.progress.best, self.progress.best_steps = score, self.progress.env_steps
             self.policy(env_steps=self.progress.env_steps, scores=values).save(self.folder.policy)
         return values
-
-    def _evaluate_on(self, policy: Policy, domain: Domain, stochastic: bool) -> dict[str, float]:
-        episodes = self.config["evaluation"]["episodes"]
-        return summary(run_episodes(policy, domain, episodes, stochastic=stochastic, seed=self.config["seed"]))
 
     def _append(self, row: dict[str, Any]) -> None:
         with open(self.folder.evaluations, "a") as file:

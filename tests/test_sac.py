@@ -16,6 +16,8 @@ from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
 from envs.domain import load
 from envs.types import MeshingParameters
+from freemesh_ray import config
+from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.sac import SAC, SACConfig
 from freemesh_ray.curriculum import Curriculum
@@ -128,6 +130,19 @@ def test_results_carry_the_metrics() -> None:
     assert results["env_runners"]["stage"] == algorithm.curriculum.stage
     assert {"episode_return_mean", "completion_rate", "element_quality_mean"} <= set(results["env_runners"])
     assert {"critic_loss", "actor_loss", "alpha"} <= set(results["learners"][DEFAULT_POLICY_ID])
+    algorithm.stop()
+
+
+def test_rllib_s_evaluate_runs_the_paper_s_episodes() -> None:
+    algorithm = build(
+        config.load(["train_smoke"], ["runners.count=0", "curriculum.stages=[T1, T2]", "evaluation.episodes=3"])
+    )
+    found = algorithm.evaluate()
+    for kind in ("deterministic", "stochastic"):
+        assert set(found[kind]) == {"T1", "T2"}
+        assert all(0 <= figures["completion_rate"] <= 1 for figures in found[kind].values())
+    again = algorithm.evaluate()
+    assert again["stochastic"] == found["stochastic"]
     algorithm.stop()
 
 

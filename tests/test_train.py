@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from envs.domain import load
+from envs.types import MeshingParameters
 from freemesh_ray import checkpoint, config
 from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.curriculum import Curriculum
-from freemesh_ray.runs import RunExistsError, newest_policy
+from freemesh_ray.evaluate import run_episodes, summary
+from freemesh_ray.policy import Policy
+from freemesh_ray.runs import RunExistsError, RunFolder, newest_policy
+from freemesh_ray.tracking import Run
 from freemesh_ray.train import Progress, Status, Training, train
 
 
@@ -37,6 +42,13 @@ class Fake:
 
     def actor_weights(self) -> list[tuple[Any, Any]]:
         return [(np.zeros((15, 6), dtype=np.float32), np.array([0, 0, 0, 0.3, 0.3, 0.3], dtype=np.float32))]
+
+    def evaluate(self) -> dict[str, Any]:
+        policy = Policy(self.actor_weights(), MeshingParameters())
+        return {
+            kind: {"T1": summary(run_episodes(policy, load("T1"), 2, stochastic=kind == "stochastic", seed=0))}
+            for kind in ("deterministic", "stochastic")
+        }
 
     def save_to_path(self, path: str) -> None:
         Path(path).mkdir(parents=True)
@@ -168,13 +180,9 @@ def test_the_newest_policy_is_found(settings: dict[str, Any], tmp_path: Path) ->
     assert newest_policy(Path(settings["paths"]["runs"])) == trained.policy
 
 
-def _folder(tmp_path: Path) -> Any:
-    from freemesh_ray.runs import RunFolder
-
+def _folder(tmp_path: Path) -> RunFolder:
     return RunFolder(tmp_path / "run")
 
 
-def _no_tracking(tmp_path: Path) -> Any:
-    from freemesh_ray.tracking import Run
-
+def _no_tracking(tmp_path: Path) -> Run:
     return Run(tmp_path, uri="", experiment="", name="", enabled=False)

@@ -46,6 +46,8 @@ def sac_config(config: Mapping[str, Any]) -> SACConfig:
                 rehearsal=curriculum["rehearsal"],
             ),
         )
+        # When to evaluate is the training loop's to decide: see train.Training.
+        .evaluation(evaluation_interval=None, evaluation_duration=config["evaluation"]["episodes"])
         .debugging(seed=config["seed"], log_level="ERROR")
     )
 
