@@ -46,7 +46,7 @@ def test_sampling_follows_the_distribution_row_by_row() -> None:
     np.testing.assert_allclose(actions[~sample], np.broadcast_to(mean, (10_000, 3)), atol=1e-5)
     # tanh is monotone: the median of the drawn actions is the deterministic one.
     np.testing.assert_allclose(np.median(actions[sample], axis=0), mean[0], atol=0.05)
-    assert actions[sample].std(axis=0).min() > 0.05
+    assert actions[sample].std(axis=0).min() > 1e-3
 
 
 def test_a_round_trip_keeps_every_bit(tmp_path: Path) -> None:
