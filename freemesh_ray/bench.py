@@ -23,7 +23,7 @@ BATCH = 64
 #: Learner and curve measurements: the domain, environments, and gradient steps for each env step, on both sides.
 DOMAIN, ENVS, RATIO = "T1", 16, 0.5
 CURVE_SEEDS = (356, 567, 999)
-CURVE_STEPS = 40_000
+CURVE_STEPS = 60_000
 
 
 def run(parts: Sequence[str], *, seconds: float, folder: Path) -> None:
@@ -256,13 +256,13 @@ def bench_curves(folder: Path) -> None:
         model.learn(CURVE_STEPS, callback=returns)
         ended["Stable-Baselines3"].append(returns.ended)
         print(f"seed {seed}: done", file=sys.stderr, flush=True)
-    edges = np.arange(0, CURVE_STEPS + 1, CURVE_STEPS // 10)
+    edges = np.arange(0, CURVE_STEPS + 1, CURVE_STEPS // 15)
     curves = {label: np.array([binned(run, edges) for run in runs]) for label, runs in ended.items()}
     (folder / "curves.json").write_text(
         json.dumps({"steps": edges[1:].tolist(), **{label: values.tolist() for label, values in curves.items()}})
     )
     plots.draw_curves(
-        {label: (edges[1:], values) for label, values in curves.items()}, folder / "curves.png",
+        {label: [(edges[1:], one) for one in values] for label, values in curves.items()}, folder / "curves.png",
         xlabel="environment steps", ylabel="return of a training episode",
         title=f"SAC on {DOMAIN}, {RATIO} updates a step, {len(CURVE_SEEDS)} seeds",
     )  # fmt: skip
@@ -271,7 +271,7 @@ def bench_curves(folder: Path) -> None:
             f"{edges[i + 1]:,}",
             *(f"{curves[label][:, i].mean():.1f} ± {curves[label][:, i].std():.1f}" for label in curves),
         ]
-        for i in range(1, len(edges) - 1, 2)
+        for i in range(2, len(edges) - 1, 3)
     ]
     print(
         f"learning curves on {DOMAIN}: return of training episodes, {len(CURVE_SEEDS)} seeds -> {folder / 'curves.png'}"

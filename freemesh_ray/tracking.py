@@ -16,30 +16,25 @@ from __future__ import annotations
 
 import fcntl
 import itertools
-import json
 import logging
 import math
 import os
 import platform
 import posixpath
 import re
-import subprocess
 import threading
-import time
-import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
+from freemesh_ray.journal import Event, Journal, State, latest, now, said
+from freemesh_ray.provenance import provenance
+
 log = logging.getLogger(__name__)
 
 Status = Literal["FINISHED", "FAILED", "KILLED"]
-Event = dict[str, Any]
 
 #: Seconds between two deliveries, and the longest pause while the store is away.
 BATCH_SECONDS, RETRY_SECONDS = 1.0, 60.0
@@ -60,7 +55,6 @@ ENVIRONMENT = {
 }
 #: The store understood and refused: sending the same again is of no use.
 REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST"}
-PACKAGES = ("ray", "torch", "gymnasium", "numpy", "numba", "mlflow")
 SQLITE = "sqlite:///"
 
 
@@ -116,14 +110,14 @@ class Run:
             return
         with _harmless("tracking is off"):
             _mlflow()  # here, not in the thread: two threads that import the same packages can trip each other
-            journal = (_latest(Path(folder), run_id) if run_id or resume else None) or _Journal.new(
-                Path(folder), _State(absolute(uri), experiment, run_id)
+            journal = (latest(Path(folder), run_id) if run_id or resume else None) or Journal.new(
+                Path(folder), State(absolute(uri), experiment, run_id)
             )
             texts = {key: str(value)[:VALUE_LENGTH] for key, value in (params or {}).items()}
             own = {"freemesh.id": journal.id, "freemesh.host": platform.node(), "freemesh.journal": str(journal.path)}
             above = {"mlflow.parentRunId": parent} if parent else {}
             everything = {**(tags or {}), **provenance(), **above, **own}
-            journal.append(_event("start", name=name, params=texts, tags=everything))
+            journal.append(said("start", name=name, params=texts, tags=everything))
             self._courier = _Courier(journal)
             self._thread = threading.Thread(target=self._work, name="tracking", daemon=True)
             self._thread.start()
@@ -146,19 +140,19 @@ class Run:
         """
         with _harmless("metrics were not recorded"):
             numbers = {_key(key): number for key, value in values.items() if (number := _number(value)) is not None}
-            self._say(_event("metrics", step=int(step), values=numbers))
+            self._say(said("metrics", step=int(step), values=numbers))
 
     def artifact(self, path: str | Path, folder: str | None = None) -> None:
         """Upload a file, or a directory's content, below ``folder``; it must stay where it is until it is delivered."""
         with _harmless("an artifact was not recorded"):
-            self._say(_event("artifact", path=str(Path(path).resolve()), folder=folder))
+            self._say(said("artifact", path=str(Path(path).resolve()), folder=folder))
 
     def close(self, status: Status = "FINISHED") -> None:
         """End the run and deliver what is left; waits for ``flush_seconds`` at most. What remains is left to `sync`."""
         if self._thread is None or self._courier is None or self._closing.is_set():
             return
         with _harmless("the end of the run was not recorded"):
-            self._say(_event("end", status=status))
+            self._say(said("end", status=status))
         self._closing.set()
         self._thread.join(self._flush_seconds)
         if self._thread.is_alive():
@@ -220,13 +214,13 @@ def sync(folder: str | Path, uri: str | None = None) -> int:
     _mlflow()
     delivered = 0
     for path in sorted(Path(folder).rglob("tracking/*.jsonl")):
-        journal = _Journal.claim(path)
+        journal = Journal.claim(path)
         if journal is None:
             log.warning("tracking: %s belongs to a run that is at work; left as it is", path)
             continue
         try:
             if uri is not None and absolute(uri) != journal.state.uri:
-                journal.state = _State(absolute(uri), journal.state.experiment)
+                journal.state = State(absolute(uri), journal.state.experiment)
             delivered += _Courier(journal).settle()
         except Exception as error:
             fix = "start the server, or give another store's uri"
@@ -242,131 +236,13 @@ def absolute(uri: str) -> str:
     return uri if path == uri or path.startswith(":") else f"{SQLITE}{Path(path).absolute()}"
 
 
-def provenance() -> dict[str, str]:
-    """Tags that say what ran: the source's git commit (``-dirty`` when changed) and the installed versions."""
-    tags = {"version.python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            tags[f"version.{package}"] = version(package)
-        except PackageNotFoundError:
-            continue
-    commit = _git("rev-parse", "HEAD") if _git("ls-files", Path(__file__).name) else ""
-    if commit:  # the source is tracked where it lies: not a copy installed somewhere inside another repository
-        changed = _git("status", "--porcelain", "--untracked-files=no")
-        tags["mlflow.source.git.commit"] = f"{commit}-dirty" if changed else commit
-    return tags
-
-
-# ---- the journal -----------------------------------------------------------------------------------------------------
-
-
-@dataclass
-class _State:
-    """Where a journal goes and how much of it has arrived.
-
-    Attributes:
-        uri, experiment: the store and the experiment's name.
-        run_id: MLflow's id, None until the run was made there.
-        sent: bytes of the journal that are delivered.
-    """
-
-    uri: str
-    experiment: str
-    run_id: str | None = None
-    sent: int = 0
-
-
-class _Journal:
-    """A run's events, one JSON object a line, locked by whoever holds this object; ``state`` is a file beside it."""
-
-    def __init__(self, path: Path, descriptor: int, state: _State) -> None:
-        self.path, self.state, self._descriptor = path, state, descriptor
-
-    @classmethod
-    def new(cls, folder: Path, state: _State) -> _Journal:
-        """An empty journal in ``folder``/tracking."""
-        name = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{uuid.uuid4().hex[:8]}.jsonl"
-        path = folder.resolve() / "tracking" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o644)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        journal = cls(path, descriptor, state)
-        journal.save()
-        return journal
-
-    @classmethod
-    def claim(cls, path: Path) -> _Journal | None:
-        """The journal at ``path``; None when its run is at work, here or in another process, or it is unreadable."""
-        try:
-            state = _State(**json.loads(path.with_suffix(".json").read_text(encoding="utf-8")))
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND)
-        except (OSError, ValueError, TypeError):
-            return None
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(descriptor)
-            return None
-        journal = cls(path, descriptor, state)
-        size = os.fstat(descriptor).st_size
-        if size and os.pread(descriptor, 1, size - 1) != b"\n":
-            os.write(descriptor, b"\n")  # a line cut short by a crash stays a line of its own
-        return journal
-
-    @property
-    def id(self) -> str:
-        """Ours, known before the store is reached."""
-        return self.path.stem
-
-    def append(self, event: Event) -> None:
-        """Add one line; a single write, so threads need no lock among themselves."""
-        os.write(self._descriptor, (json.dumps(event) + "\n").encode())
-
-    def read(self, start: int = 0) -> Iterator[tuple[Event, int]]:
-        """The whole lines from byte ``start`` on: (event, the byte behind it). A line that is no event is ``{}``."""
-        with self.path.open("rb") as file:
-            file.seek(start)
-            for line in file:
-                if not line.endswith(b"\n"):
-                    return
-                start += len(line)
-                try:
-                    event = json.loads(line)
-                except ValueError:
-                    event = {}
-                yield (event if isinstance(event, dict) else {}), start
-
-    def save(self) -> None:
-        """Write ``state``, all or nothing."""
-        target = self.path.with_suffix(".json")
-        draft = target.with_suffix(".tmp")
-        draft.write_text(json.dumps(asdict(self.state)), encoding="utf-8")
-        os.replace(draft, target)
-
-    def release(self) -> None:
-        """Give the lock back; the object is of no use afterwards."""
-        os.close(self._descriptor)
-        self._descriptor = -1  # a late append then fails, and never lands in a file that got the number next
-
-
-def _latest(folder: Path, run_id: str | None) -> _Journal | None:
-    """The newest journal of ``folder`` that can be claimed, and that is of ``run_id`` when one is given."""
-    for path in sorted((folder / "tracking").glob("*.jsonl"), reverse=True):
-        journal = _Journal.claim(path)
-        if journal and run_id in (None, journal.state.run_id):
-            return journal
-        if journal:
-            journal.release()
-    return None
-
-
 # ---- delivery --------------------------------------------------------------------------------------------------------
 
 
 class _Courier:
     """Carries a journal to its store. Every method raises when the store cannot be reached, and may be called again."""
 
-    def __init__(self, journal: _Journal) -> None:
+    def __init__(self, journal: Journal) -> None:
         self.journal = journal
         self._client: Any = None
         arrived = itertools.takewhile(lambda item: item[1] <= journal.state.sent, journal.read())
@@ -400,7 +276,7 @@ class _Courier:
         for event, _ in self.journal.read():
             last = event
         if last.get("kind") != "end":
-            self.journal.append({**_event("end", status="FAILED"), "time": last.get("time", _now())})
+            self.journal.append({**said("end", status="FAILED"), "time": last.get("time", now())})
         return self.deliver()
 
     def bury_the_dead(self) -> None:
@@ -413,7 +289,7 @@ class _Courier:
                 continue
             if not path.exists():
                 client.set_terminated(run.info.run_id, "FAILED")
-            elif journal := _Journal.claim(path):
+            elif journal := Journal.claim(path):
                 try:
                     _Courier(journal).settle()
                 finally:
@@ -504,7 +380,9 @@ class _Courier:
             return found.experiment_id
         path = Path(state.uri.removeprefix(SQLITE))
         place = (path.parent / "mlartifacts").as_uri() if state.uri.startswith(SQLITE) else None
-        return client.create_experiment(state.experiment, artifact_location=place)
+        # The kind decides which of the UI's two faces opens: charts of training, not chat traces.
+        tags = {"mlflow.experimentKind": "custom_model_development"}
+        return client.create_experiment(state.experiment, artifact_location=place, tags=tags)
 
 
 # ---- small parts -----------------------------------------------------------------------------------------------------
@@ -554,15 +432,6 @@ def _unless_refused(what: str) -> Iterator[None]:
         log.warning("tracking: the store refused %s (%s)", what, _brief(error))
 
 
-def _event(kind: str, **content: Any) -> Event:
-    return {"kind": kind, "time": _now(), **content}
-
-
-def _now() -> int:
-    """Milliseconds since the epoch."""
-    return int(time.time() * 1000)
-
-
 def _key(key: str) -> str:
     """A name that MLflow accepts."""
     allowed = re.sub(r"[^\w\-. :/]", "_", key[:KEY_LENGTH], flags=re.ASCII)
@@ -586,14 +455,3 @@ def _brief(error: BaseException) -> str:
     """The first line of an error, cut to a readable length."""
     text = (str(error) or type(error).__name__).splitlines()[0]
     return text if len(text) <= 160 else text[:157] + "..."
-
-
-def _git(*arguments: str) -> str:
-    """What git says about this source; empty without git, or outside a repository."""
-    try:
-        answer = subprocess.run(
-            ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=2, check=True
-        )
-    except (OSError, subprocess.SubprocessError):
-        return ""
-    return answer.stdout.strip()

@@ -26,8 +26,9 @@ from freemesh_ray.config import dump, flatten, meshing_parameters
 from freemesh_ray.mesher import MeshingError, mesh
 from freemesh_ray.metrics import measure
 from freemesh_ray.policy import Policy
+from freemesh_ray.provenance import provenance
 from freemesh_ray.runs import RunFolder
-from freemesh_ray.tracking import Run, provenance
+from freemesh_ray.tracking import Run
 
 #: Episodes that the running figures of the progress line are means of.
 RECENT = 50

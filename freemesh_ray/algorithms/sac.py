@@ -156,12 +156,14 @@ class SAC(RLlibSAC):
 
     def _collect(self, uniform: bool) -> list[Collected]:
         group = self.env_runner_group
-        rounds = self.config.get_rollout_fragment_length()
-        task = None if self.curriculum is None else self.curriculum.task()
-        return group.foreach_env_runner(
-            lambda runner: runner.collect(rounds, uniform=uniform, task=task),
-            local_env_runner=group.num_remote_env_runners() == 0,
-        )
+        request = {
+            "rounds": self.config.get_rollout_fragment_length(),
+            "uniform": uniform,
+            "task": None if self.curriculum is None else self.curriculum.task(),
+        }
+        if group.num_remote_env_runners() == 0:
+            return [self.env_runner.collect(**request)]
+        return group.foreach_env_runner("collect", kwargs=request, local_env_runner=False)
 
     def _update(self, count: int) -> None:
         rows: Transitions = self.local_replay_buffer.sample(count * self.config.train_batch_size_per_learner)

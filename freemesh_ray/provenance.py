@@ -1,0 +1,36 @@
+"""Where results come from: the source's git commit and the versions of the packages that decide them."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+PACKAGES = ("ray", "torch", "gymnasium", "numpy", "numba", "mlflow")
+
+
+def provenance() -> dict[str, str]:
+    """Tags that say what ran: the source's git commit (``-dirty`` when changed) and the installed versions."""
+    tags = {"version.python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            tags[f"version.{package}"] = version(package)
+        except PackageNotFoundError:
+            continue
+    commit = _git("rev-parse", "HEAD") if _git("ls-files", Path(__file__).name) else ""
+    if commit:  # the source is tracked where it lies: not a copy installed somewhere inside another repository
+        changed = _git("status", "--porcelain", "--untracked-files=no")
+        tags["mlflow.source.git.commit"] = f"{commit}-dirty" if changed else commit
+    return tags
+
+
+def _git(*arguments: str) -> str:
+    """What git says about this source; empty without git, or outside a repository."""
+    try:
+        answer = subprocess.run(
+            ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=2, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return answer.stdout.strip()
