@@ -47,7 +47,7 @@ def load(spec: str | os.PathLike[str], *, fix_parity: bool = False) -> Domain:
 def looks_like_path(text: str) -> bool:
     """Whether a text can only be meant as a file: it exists, has folders or ends like a file."""
     path = Path(text)
-    return os.sep in text or "/" in text or path.suffix != "" or (text != "" and path.is_file())
+    return os.sep in text or "/" in text or path.suffix != "" or (text != "" and os.path.isfile(path))
 
 
 def unknown_name(text: str) -> str:

@@ -57,6 +57,7 @@ class Episodes:
     def start(self, i: int, domain: int) -> None:
         """Begin episode ``i`` afresh on ``domains[domain]``; its observation is in ``out``."""
         self.domain_of[i] = domain
+        self.out.terminated[i] = self.out.truncated[i] = False
         transition.start(self._fronts, self._templates, i, domain, self._numbers, self.out)
 
     def step(self, actions: np.ndarray, skip: np.ndarray | None = None) -> transition.Outcome:
@@ -70,7 +71,7 @@ class Episodes:
             ``out``, overwritten by the next call.
 
         Raises:
-            ValueError: an action has the wrong shape or is not finite.
+            ValueError: an action has the wrong shape or is not finite, or an episode is over and was not begun anew.
         """
         actions = np.asarray(actions, dtype=np.float64)
         shape = (len(self), self.parameters.action_size)
@@ -80,6 +81,9 @@ class Episodes:
             raise ValueError(f"action {int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])} is not finite")
         clipped = np.clip(actions, -1.0, 1.0)
         nobody = self._nobody if skip is None else skip
+        over = (self.out.terminated | self.out.truncated) & ~nobody
+        if over.any():
+            raise ValueError(f"episode {int(np.flatnonzero(over)[0])} is over: begin it anew before the next step")
         transition.step_batch(self._fronts, clipped, nobody, self._numbers, self.caps[self.domain_of], self.out)
         return self.out
 

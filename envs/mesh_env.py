@@ -34,6 +34,8 @@ def domains_of(spec: DomainSpec) -> list[Domain]:
 def parameters_of(options: Mapping[str, Any]) -> MeshingParameters:
     """MeshingParameters from keywords; ``observation="O2"`` and ``radius="R2"`` are the paper's names.
 
+    A number given beside a name has its way.
+
     Raises:
         ValueError: unknown keyword or name, or a value out of its range.
     """
@@ -43,7 +45,7 @@ def parameters_of(options: Mapping[str, Any]) -> MeshingParameters:
             if name not in table:
                 raise ValueError(f"{key} = {name!r}: use one of {', '.join(table)}")
             setting: Any = table[name]
-            values |= setting if isinstance(setting, dict) else {"alpha": setting}
+            values = (setting if isinstance(setting, dict) else {"alpha": setting}) | values
     known = [field.name for field in fields(MeshingParameters)]
     for key in values:
         if key not in known:

@@ -76,13 +76,15 @@ def parsed_json(text: str, source: str) -> Any:
         first = text.lstrip().splitlines()[0]
         try:
             data = json.loads(first)
-        except (json.JSONDecodeError, RecursionError):
+        except (ValueError, RecursionError):
             data = None
         if isinstance(data, list):
             return data
         raise DomainError(
             f"{source}: line {error.lineno}, column {error.colno}: not valid JSON ({error.msg}); correct it there"
         ) from None
+    except ValueError as error:
+        raise DomainError(f"{source}: not valid JSON ({str(error).split(';')[0]}); correct it") from None
     except RecursionError:
         raise DomainError(f"{source}: nested too deeply for a polygon; give GeoJSON or a list of pairs") from None
 

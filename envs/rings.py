@@ -84,7 +84,10 @@ def as_ring(coordinates: ArrayLike, source: str, index: int = 0) -> Floats:
     """
     where = f"{source}: {ring_name(index)}"
     try:
-        ring = np.array(coordinates, dtype=np.float64)
+        given = np.asarray(coordinates)
+        if given.size and given.dtype.kind not in "iuf":
+            raise TypeError("not numbers")
+        ring = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise DomainError(f"{where}: not a list of [x, y] pairs of numbers; give every vertex as [x, y]") from None
     if ring.size == 0:

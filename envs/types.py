@@ -102,6 +102,8 @@ class MeshingParameters:
             ("upsilon", 1e-9, 10.0), ("kappa", 1e-9, 1e9), ("M_angle", 1e-9, np.pi), ("max_invalid", 1, 10**9),
         ):  # fmt: skip
             value = getattr(self, name)
+            if name in ("n", "g", "n_rv", "max_invalid") and int(value) != value:
+                raise ValueError(f"MeshingParameters.{name} = {value!r}: must be a whole number")
             if not low <= value <= high:
                 raise ValueError(f"MeshingParameters.{name} = {value!r}: must lie in [{low}, {high}]")
         if self.density not in ("continuous", "printed"):

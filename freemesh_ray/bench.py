@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,9 @@ def run(parts: Sequence[str], *, seconds: float, folder: Path) -> None:
         "curves": lambda: bench_curves(folder),
     }
     for part in parts:
+        if part in ("learner", "curves") and find_spec("stable_baselines3") is None:
+            print(f"{part}: skipped, Stable-Baselines3 is not installed (pip install stable-baselines3)")
+            continue
         measurements[part]()
         print(flush=True)
 
@@ -192,11 +196,6 @@ def their_updates_per_second(seconds: float) -> float:
 
 def bench_learner(seconds: float) -> None:
     """Updates a second of whole training rounds, ours and Stable-Baselines3's in turn, three times each."""
-    try:
-        import stable_baselines3  # noqa: F401
-    except ImportError:
-        print("learner: skipped, Stable-Baselines3 is not installed (pip install stable-baselines3)")
-        return
     with quiet_ray(0):
         pairs = [(our_updates_per_second(seconds), their_updates_per_second(seconds)) for _ in range(3)]
     rows = [[f"run {i + 1}", f"{a:.0f}", f"{b:.0f}", f"{a / b:.2f}"] for i, (a, b) in enumerate(pairs)]

@@ -41,11 +41,19 @@ def save(algorithm: Checkpointed, progress: dict[str, Any], folder: Path, keep: 
         file.flush()
         os.fsync(file.fileno())
     if path.exists():
-        shutil.rmtree(path)
+        discard(path)
     os.rename(partial, path)
     for old in found(folder)[keep:]:
-        shutil.rmtree(old, ignore_errors=True)
+        discard(old)
     return path
+
+
+def discard(path: Path) -> None:
+    """Remove a checkpoint; under another name first, so that a kill in between leaves no half of one to be found."""
+    doomed = path.with_name(f".discarded_{path.name}")
+    shutil.rmtree(doomed, ignore_errors=True)
+    os.rename(path, doomed)
+    shutil.rmtree(doomed, ignore_errors=True)
 
 
 def found(folder: Path) -> list[Path]:
@@ -62,8 +70,11 @@ def restore(algorithm: Checkpointed, path: Path) -> dict[str, Any]:
     try:
         progress = json.loads((path / PROGRESS).read_text())
         algorithm.restore_from_path(str((path / "algorithm").absolute()))
-    except (OSError, EOFError, json.JSONDecodeError) as error:
+        if not isinstance(progress, dict):
+            raise TypeError(f"{PROGRESS} holds no table")
+    except Exception as error:  # unpickling what a disk has damaged can raise anything
+        brief = (str(error) or type(error).__name__).splitlines()[0][:160]
         raise CheckpointError(
-            f"{path}: unreadable checkpoint ({error}); remove it to go on from the one before"
+            f"{path}: unreadable checkpoint ({brief}); remove it to go on from the one before"
         ) from error
     return progress

@@ -6,7 +6,7 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -32,6 +32,30 @@ until nothing is left. All quads, the boundary kept exactly.
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """A whole number in [low, high], for argparse."""
+
+    def number(text: str) -> int:
+        try:
+            if low <= (value := int(text)) <= high:
+                return value
+        except ValueError:
+            pass
+        raise argparse.ArgumentTypeError(f"{text!r}: give a whole number in [{low}, {high}]")
+
+    return number
+
+
+def seconds(text: str) -> float:
+    """A positive, finite duration, for argparse."""
+    try:
+        if 0.0 < (value := float(text)) < 86_400.0:
+            return value
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text!r}: give a number of seconds above 0, below a day")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -73,8 +97,10 @@ def parser() -> argparse.ArgumentParser:
     mesh.add_argument("--policy", metavar="FILE", help="policy.npz of a training (default: that of the newest run)")
     mesh.add_argument("--runs", default="runs", metavar="FOLDER", help="where the newest run is looked for")
     mesh.add_argument("--fix-parity", action="store_true", help="split the longest segment when the ring is odd")
-    mesh.add_argument("--attempts", type=int, default=32, metavar="N", help="sampled attempts if the first fails (32)")
-    mesh.add_argument("--seed", type=int, default=0, metavar="N", help="of the sampling (0)")
+    mesh.add_argument(
+        "--attempts", type=whole(0, 1000), default=32, metavar="N", help="sampled if the first fails (32)"
+    )
+    mesh.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of the sampling (0)")
 
     commands.add_parser(
         "domains", help="list the catalogue", description="List the domains that ship with the package."
@@ -90,8 +116,15 @@ def parser() -> argparse.ArgumentParser:
         metavar="PART",
         help="env, learner, sampling (default: these three) or curves (against Stable-Baselines3, long); repeatable",
     )
-    bench.add_argument("--seconds", type=float, default=5.0, help="of each measurement (5)")
+    bench.add_argument("--seconds", type=seconds, default=5.0, help="of each measurement (5)")
     bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves are written")
+    sync = commands.add_parser(
+        "sync",
+        help="deliver what a tracking server missed",
+        description="Deliver the metrics and files of a run that its tracking server did not get while it was away.",
+    )
+    sync.add_argument("folder", metavar="RUN", help="the run's folder, runs/NAME")
+    sync.add_argument("--uri", metavar="URI", help="another store than the run's own")
     return top
 
 
@@ -99,16 +132,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     options = parser().parse_args(arguments)
     from envs.types import DomainError
+    from freemesh_ray.atomic import OutputError
     from freemesh_ray.checkpoint import CheckpointError
     from freemesh_ray.config import ConfigError
-    from freemesh_ray.export import ExportError
     from freemesh_ray.mesher import MeshingError
     from freemesh_ray.policy import PolicyError
-    from freemesh_ray.runs import RunExistsError
+    from freemesh_ray.runs import RunError
 
     try:
         return COMMANDS[options.command](options)
-    except (DomainError, ConfigError, ExportError, PolicyError, RunExistsError, CheckpointError) as error:
+    except (DomainError, ConfigError, OutputError, PolicyError, RunError, CheckpointError) as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return BAD_INPUT
     except MeshingError as error:
@@ -129,16 +162,43 @@ def train(options: argparse.Namespace) -> int:
 
     settings = config.load(options.config, options.set)
     prepare(settings, options.resume)
-    # A scheduler's SIGTERM is a Ctrl-C: it saves a checkpoint, too.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     progress = Progress(sys.stdout)
     with local_ray(settings["runners"]["count"]):
         from freemesh_ray.algorithms.build import build
 
-        trained = run(settings, resume=options.resume, make=build, report=progress.show, note=progress.note)
+        stop = StopSignal()
+        trained = run(
+            settings,
+            resume=options.resume,
+            make=build,
+            report=progress.show,
+            note=progress.note,
+            interrupted=stop.was_given,
+        )
     progress.finish()
     print(train_table(trained, settings))
     return 0
+
+
+class StopSignal:
+    """Ctrl-C, or a scheduler's SIGTERM: remembered, so that training stops between two iterations and loses nothing.
+
+    A second one interrupts at once. To be made after Ray is started, which sets a handler of its own.
+    """
+
+    def __init__(self) -> None:
+        self._given = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._remember)
+
+    def _remember(self, number: int, frame: object) -> None:
+        if self._given:
+            raise KeyboardInterrupt
+        self._given = True
+
+    def was_given(self) -> bool:
+        """Whether to stop."""
+        return self._given
 
 
 def mesh(options: argparse.Namespace) -> int:
@@ -164,16 +224,17 @@ def mesh(options: argparse.Namespace) -> int:
 
 
 def check_outputs(paths: Sequence[Path], known: Sequence[str]) -> None:
-    """Before any work: every output has a format that can be written.
+    """Before any work: every output has a known format and a place that can be written to.
 
     Raises:
-        ExportError: one has not.
+        OutputError: one has not.
     """
-    from freemesh_ray.export import ExportError
+    from freemesh_ray.atomic import OutputError, check_writable
 
     for path in paths:
         if path.suffix.lower() not in known:
-            raise ExportError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(known)}")
+            raise OutputError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(known)}")
+        check_writable(path)
 
 
 def domains(options: argparse.Namespace) -> int:
@@ -193,4 +254,17 @@ def bench(options: argparse.Namespace) -> int:
     return 0
 
 
-COMMANDS = {"train": train, "mesh": mesh, "domains": domains, "bench": bench}
+def sync(options: argparse.Namespace) -> int:
+    """``freemesh sync``."""
+    from freemesh_ray.tracking import TrackingError
+    from freemesh_ray.tracking import sync as deliver
+
+    try:
+        print(f"delivered {deliver(options.folder, options.uri)} entries of {options.folder}")
+    except TrackingError as error:
+        print(f"freemesh: {error}", file=sys.stderr)
+        return FAILED
+    return 0
+
+
+COMMANDS = {"train": train, "mesh": mesh, "domains": domains, "bench": bench, "sync": sync}

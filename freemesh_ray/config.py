@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -66,7 +67,7 @@ COUNT = 10**12
 #: Dotted key -> what it accepts. ``defaults.yaml`` holds the same keys, with their meaning and default.
 SCHEMA: dict[str, Field] = {
     "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
-    "seed": Field(int, 0, 2**32 - 1),
+    "seed": Field(int, 0, 2**31 - 1),
     "algorithm": Field(str, words=("sac",)),
     "env.observation": Field(str, words=tuple(OBSERVATIONS), optional=True),
     "env.radius": Field(str, words=tuple(RADII), optional=True),
@@ -94,7 +95,7 @@ SCHEMA: dict[str, Field] = {
     "sac.tau": Field(float, TINY, 1),
     "sac.updates_per_step": Field(float, TINY, 100),
     "sac.hidden": Field(int, 1, 65536, many=True),
-    "sac.warmup_steps": Field(int, 0, 10**9),
+    "sac.warmup_steps": Field(int, 1, 10**9),
     "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
     "sac.initial_alpha": Field(float, TINY, 1000),
     "runners.count": Field(int, 0, 1024),
@@ -106,7 +107,9 @@ SCHEMA: dict[str, Field] = {
     "evaluation.episodes": Field(int, 1, 10**6),
     "checkpoint.interval": Field(int, 1, COUNT),
     "checkpoint.keep": Field(int, 1, 1000),
-    "tracking.uri": Field(str),
+    "tracking.uri": Field(
+        str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT"
+    ),
     "tracking.experiment": Field(str),
     "tracking.enabled": Field(bool),
     "paths.runs": Field(str),
@@ -223,7 +226,7 @@ def _file(source: str | Path) -> list[_Entry]:
     """The settings of one YAML file."""
     name = str(source)
     short = name.removesuffix(".yaml")
-    bare = "/" not in name and not Path(name).is_file() and (short in shipped() or not Path(name).suffix)
+    bare = "/" not in name and not os.path.isfile(name) and (short in shipped() or not Path(name).suffix)
     if bare and short not in shipped():
         raise ConfigError(
             f"{name}: no such configuration: use a path ending in .yaml, or one of {', '.join(shipped())}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -46,11 +47,13 @@ class Progress:
     def show(self, status: Status) -> None:
         """Show the figures."""
         line = (
-            f"stage {status.stage}  step {status.env_steps:,}/{status.budget_steps:,}"
-            f"  return {number(status.mean_return, '.1f')}  completed {number(status.completion_rate, '.0%')}"
+            f"{status.stage}  step {status.env_steps:,}/{status.budget_steps:,}"
+            f"  return {number(status.mean_return, '.1f')}  done {number(status.completion_rate, '.0%')}"
             f"  {status.updates_per_second:.0f} updates/s  {duration(status.seconds_left)} left"
         )
         if self._live:
+            # A line that wraps could not be overwritten.
+            line = line[: shutil.get_terminal_size().columns - 1]
             self._stream.write("\r" + line.ljust(self._width))
             self._width = len(line)
         elif time.monotonic() - self._last >= LOG_INTERVAL:

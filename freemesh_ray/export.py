@@ -5,7 +5,6 @@ Vertices keep their order and every bit of their coordinates, elements their ord
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
+from freemesh_ray.atomic import OutputError, replacing
 
 #: Gmsh file versions -> meshio's names for them.
 GMSH = {"4.1": "gmsh", "2.2": "gmsh22"}
@@ -25,10 +25,6 @@ PER_LINE = 16
 SUFFIXES = (".vtu", ".msh", ".inp")
 
 
-class ExportError(ValueError):
-    """A file that cannot be written; one line with its name, what is wrong and the fix."""
-
-
 def write(mesh: Mesh, path: str | Path, version: str = "4.1") -> None:
     """Write a mesh in the format that the extension names; the file is there as a whole or not at all.
 
@@ -38,7 +34,7 @@ def write(mesh: Mesh, path: str | Path, version: str = "4.1") -> None:
         version: of the Gmsh format, ``4.1`` or ``2.2``.
 
     Raises:
-        ExportError: another extension or version, a mesh without elements, or a place that cannot be written to.
+        OutputError: another extension or version, a mesh without elements, or a place that cannot be written to.
     """
     path = Path(path)
     writers: dict[str, Callable[[Path], object]] = {
@@ -48,21 +44,13 @@ def write(mesh: Mesh, path: str | Path, version: str = "4.1") -> None:
     }
     writer = writers.get(path.suffix.lower())
     if writer is None:
-        raise ExportError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(writers)}")
+        raise OutputError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(writers)}")
     if version not in GMSH:
-        raise ExportError(f"{path}: unknown Gmsh version {version}: use one of {', '.join(GMSH)}")
+        raise OutputError(f"{path}: unknown Gmsh version {version}: use one of {', '.join(GMSH)}")
     if not len(mesh.quads):
-        raise ExportError(f"{path}: {mesh.name} has no elements: there is nothing to write")
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            writer(draft)
-            os.replace(draft, path)
-        finally:
-            draft.unlink(missing_ok=True)
-    except OSError as error:
-        raise ExportError(f"{path}: cannot be written ({error.strerror or error}): check the place") from error
+        raise OutputError(f"{path}: {mesh.name} has no elements: there is nothing to write")
+    with replacing(path) as draft:
+        writer(draft)
 
 
 def _through_meshio(mesh: Mesh, path: Path, file_format: str) -> None:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
+from freemesh_ray.atomic import replacing
 from freemesh_ray.metrics import irregular
 
 #: One run's curve: steps and values, of one length.
@@ -188,8 +189,7 @@ def _aligned(curves: Sequence[Curve]) -> tuple[np.ndarray, np.ndarray]:
 def _save(figure: Figure | SubFigure, path: str | Path) -> None:
     """Write the picture; the same picture gives the same bytes."""
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     root = figure.figure if isinstance(figure, SubFigure) else figure
     svg = path.suffix.lower() == ".svg"
-    with matplotlib.rc_context({"svg.hashsalt": "freemesh"}):
-        root.savefig(path, metadata={"Date": None} if svg else {"Software": None}, facecolor="white")
+    with matplotlib.rc_context({"svg.hashsalt": "freemesh"}), replacing(path) as draft:
+        root.savefig(draft, metadata={"Date": None} if svg else {"Software": None}, facecolor="white")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from envs.types import MeshingParameters
+from freemesh_ray.atomic import replacing
 
 Layer = tuple[np.ndarray, np.ndarray]
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
@@ -42,6 +43,13 @@ class Policy:
     about: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        width = None
+        for weight, bias in self.layers:
+            if weight.ndim != 2 or bias.shape != weight.shape[1:] or width not in (None, weight.shape[0]):
+                raise PolicyError("the policy's layers do not fit each other")
+            if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+                raise PolicyError("the policy's weights are not finite: its training diverged")
+            width = weight.shape[1]
         inputs, outputs = self.layers[0][0].shape[0], self.layers[-1][0].shape[1]
         expected = (self.parameters.observation_size, 2 * self.parameters.action_size)
         if (inputs, outputs) != expected:
@@ -72,15 +80,11 @@ class Policy:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the policy to ``path``; the file appears whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
         about = {"parameters": asdict(self.parameters), "about": dict(self.about)}
         arrays = {f"weight_{i}": weight for i, (weight, _) in enumerate(self.layers)}
         arrays |= {f"bias_{i}": bias for i, (_, bias) in enumerate(self.layers)}
-        partial = path.with_name(f".{path.name}.partial")
-        with open(partial, "wb") as file:
+        with replacing(Path(path)) as draft, open(draft, "wb") as file:
             np.savez(file, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
-        os.replace(partial, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Policy:
@@ -89,7 +93,7 @@ class Policy:
         Raises:
             PolicyError: no such file, or not a policy.
         """
-        if not Path(path).is_file():
+        if not os.path.isfile(path):
             raise PolicyError(f"{path}: no such policy file; train one with `freemesh train`, or check the path")
         try:
             with np.load(path, allow_pickle=False) as archive:

@@ -11,15 +11,19 @@ runs/NAME/config.yaml            the resolved configuration
 
 from __future__ import annotations
 
+import json
+import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from freemesh_ray import checkpoint
+from freemesh_ray.atomic import replacing
 from freemesh_ray.policy import PolicyError
 
 
-class RunExistsError(RuntimeError):
-    """A run of this name is there already and was not asked to go on."""
+class RunError(RuntimeError):
+    """A run that cannot begin or go on; one line with its folder, what is wrong and the fix."""
 
 
 @dataclass(frozen=True)
@@ -66,16 +70,38 @@ class RunFolder:
         """Make the folder for a run.
 
         Raises:
-            RunExistsError: it has checkpoints and ``resume`` is false.
+            RunError: it has checkpoints and ``resume`` is false, or it cannot be made.
         """
-        if not resume and checkpoint.found(self.checkpoints):
-            raise RunExistsError(
+        started = bool(checkpoint.found(self.checkpoints))
+        if started and not resume:
+            raise RunError(
                 f"{self.path} already holds a run: add --resume to go on, or --set name=OTHER to begin another"
             )
-        self.path.mkdir(parents=True, exist_ok=True)
-        if not resume:
-            # What an earlier run left that died before its first checkpoint.
-            self.evaluations.unlink(missing_ok=True)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunError(
+                f"{self.path}: cannot be made ({error.strerror}): set paths.runs to another place"
+            ) from error
+        if not os.access(self.path, os.W_OK):
+            raise RunError(f"{self.path}: cannot be written to: set paths.runs to another place")
+        if not started:
+            self.forget_after(-1)
+
+    def forget_after(self, env_steps: int) -> None:
+        """Drop the evaluations later than ``env_steps``: a run that goes on from there will make them again."""
+        if self.evaluations.is_file():
+            kept = [line for line in self.evaluations.read_text().splitlines() if evaluated_at(line) <= env_steps]
+            with replacing(self.evaluations) as draft:
+                draft.write_text("".join(f"{line}\n" for line in kept))
+
+
+def evaluated_at(line: str) -> float:
+    """The env steps of one line of evaluations; infinite for a line that a kill cut short."""
+    try:
+        return float(json.loads(line)["env_steps"])
+    except (ValueError, KeyError, TypeError):
+        return math.inf
 
 
 def newest_policy(runs: Path) -> Path:

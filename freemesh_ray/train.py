@@ -8,7 +8,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -20,14 +19,16 @@ import numpy as np
 
 from envs.domain import load
 from envs.mesh import Mesh
-from envs.types import Domain
+from envs.types import Domain, DomainError
 from freemesh_ray import checkpoint, export, plots
+from freemesh_ray.atomic import replacing
 from freemesh_ray.config import dump, flatten, meshing_parameters
+from freemesh_ray.config import load as load_config
 from freemesh_ray.mesher import MeshingError, mesh
 from freemesh_ray.metrics import measure
 from freemesh_ray.policy import Policy
 from freemesh_ray.provenance import provenance
-from freemesh_ray.runs import RunFolder
+from freemesh_ray.runs import RunError, RunFolder
 from freemesh_ray.tracking import Run
 
 #: Episodes that the running figures of the progress line are means of.
@@ -64,11 +65,10 @@ class Progress:
 
     Attributes:
         env_steps, updates: so far.
-        seconds: of training, over all its sessions.
+        seconds: wall clock of training, evaluation and checkpoints, over all its sessions.
         evaluated_at: env steps at the last evaluation.
         best: score of the best policy (completion rate, return), None before the first evaluation.
         best_steps: env steps of the best policy.
-        run_id: MLflow's.
     """
 
     env_steps: int = 0
@@ -77,7 +77,6 @@ class Progress:
     evaluated_at: int = 0
     best: list[float] | None = None
     best_steps: int = 0
-    run_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -112,6 +111,7 @@ class Training:
         run: where metrics go.
         report: called with a Status after every iteration.
         note: called with a line of text at milestones.
+        interrupted: asked after every iteration; when it says so, a checkpoint is saved and KeyboardInterrupt raised.
     """
 
     algorithm: Algorithm
@@ -120,25 +120,35 @@ class Training:
     run: Run
     report: Callable[[Status], None] = lambda status: None
     note: Callable[[str], None] = lambda line: None
+    interrupted: Callable[[], bool] = lambda: False
     progress: Progress = field(default_factory=Progress)
 
     def __post_init__(self) -> None:
         self._recent: deque[Any] = deque(maxlen=RECENT)
         self._domains = [load(stage) for stage in self.config["curriculum"]["stages"]]
-        self._saved_at = 0
+        self._saved_at = -1
+        self._clock = time.monotonic()
 
     def resume(self) -> bool:
         """Go on from the newest checkpoint, if there is one."""
         saved = checkpoint.found(self.folder.checkpoints)
         if not saved:
             return False
-        self.progress = Progress(**checkpoint.restore(self.algorithm, saved[0]))
+        restored = checkpoint.restore(self.algorithm, saved[0])
+        try:
+            self.progress = Progress(**restored)
+        except TypeError as error:
+            raise checkpoint.CheckpointError(f"{saved[0]}: not a checkpoint of this version ({error})") from error
+        self.folder.forget_after(self.progress.env_steps)
         self._saved_at = self.progress.env_steps
         self.note(f"going on from {saved[0]} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
         return True
 
     def save(self) -> Path:
-        """Write a checkpoint of this moment."""
+        """Write a checkpoint of this moment, unless there is one."""
+        if self._saved_at == self.progress.env_steps:
+            return checkpoint.found(self.folder.checkpoints)[0]
+        self._tick()
         self._saved_at = self.progress.env_steps
         return checkpoint.save(
             self.algorithm, vars(self.progress).copy(), self.folder.checkpoints, self.config["checkpoint"]["keep"]
@@ -153,21 +163,30 @@ class Training:
     def loop(self) -> None:
         """Train until the budget is spent; evaluate and checkpoint on the way and at the end.
 
-        A KeyboardInterrupt saves a checkpoint before it goes on up.
+        Raises:
+            KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
         """
-        try:
-            while not self.done():
-                self._iterate()
-                if self.progress.env_steps - self.progress.evaluated_at >= self.config["evaluation"]["interval"]:
-                    self.evaluate()
-                if self.progress.env_steps - self._saved_at >= self.config["checkpoint"]["interval"]:
-                    self.save()
-            if self.progress.evaluated_at < self.progress.env_steps:
+        self._clock = time.monotonic()
+        progress, interval = self.progress, self.config["evaluation"]["interval"]
+        while not self.done():
+            self._iterate()
+            if progress.env_steps // interval > progress.evaluated_at // interval:
                 self.evaluate()
-        except KeyboardInterrupt:
-            self.note(f"interrupted; saved {self.save()}")
-            raise
+            stop = self.interrupted()
+            if stop or progress.env_steps - max(0, self._saved_at) >= self.config["checkpoint"]["interval"]:
+                path = self.save()
+            if stop:
+                self.note(f"interrupted at {progress.env_steps:,} steps; saved {path}")
+                raise KeyboardInterrupt
+        if progress.evaluated_at < progress.env_steps:
+            self.evaluate()
         self.save()
+
+    def _tick(self) -> None:
+        """Add the time since the last tick to the training's."""
+        now = time.monotonic()
+        self.progress.seconds += now - self._clock
+        self._clock = now
 
     def _iterate(self) -> None:
         began, updates = time.monotonic(), self.algorithm.updates
@@ -176,7 +195,7 @@ class Training:
         took = time.monotonic() - began
         progress = self.progress
         progress.env_steps, progress.updates = self.algorithm.env_steps, self.algorithm.updates
-        progress.seconds += took
+        self._tick()
         self._recent.extend(self.algorithm.finished)
         self._track(results, took, progress.updates - updates)
         self.algorithm.finished.clear()
@@ -315,6 +334,7 @@ def train(
     make: Callable[[Mapping[str, Any]], Algorithm],
     report: Callable[[Status], None] = lambda status: None,
     note: Callable[[str], None] = lambda line: None,
+    interrupted: Callable[[], bool] = lambda: False,
 ) -> Trained:
     """The whole main job.
 
@@ -322,13 +342,12 @@ def train(
         config: a complete tree (``config.load``).
         resume: go on from the run's newest checkpoint; without one, begin.
         make: the algorithm's factory.
-        report, note: see Training.
+        report, note, interrupted: see Training.
 
     Raises:
-        DomainError, RunExistsError: see `prepare`.
+        DomainError, RunError: see `prepare`.
     """
     folder = prepare(config, resume)
-    write_text(folder.config, dump(config))
     tracking = config["tracking"]
     algorithm = make(config)
     tags = {
@@ -346,9 +365,11 @@ def train(
         resume=resume,
         enabled=tracking["enabled"],
     ) as run:
-        training = Training(algorithm, config, folder, run, report, note)
+        training = Training(algorithm, config, folder, run, report, note, interrupted)
         if resume:
             training.resume()
+        with replacing(folder.config) as draft:
+            draft.write_text(dump(config))
         run.artifact(folder.config)
         training.loop()
         produced = deliver(training)
@@ -358,18 +379,44 @@ def train(
     return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], curve, produced)
 
 
+#: What a run cannot change when it goes on: its experience and its networks are of these.
+FIXED = ("algorithm", "env.", "sac.hidden", "curriculum.stages")
+
+
 def prepare(config: Mapping[str, Any], resume: bool) -> RunFolder:
-    """What can be wrong before anything is started: the stages' domains, then the run's folder, which is made.
+    """What can be wrong before anything is started: the stages, the run that goes on, and its folder, which is made.
 
     Raises:
-        DomainError: a stage that cannot be meshed.
-        RunExistsError: the run has checkpoints and ``resume`` is false.
+        DomainError: a stage that cannot be meshed or trained on, or two of one name.
+        RunError: the run has checkpoints and ``resume`` is false, it was begun with other settings, or its folder
+            cannot be made.
     """
-    for stage in config["curriculum"]["stages"]:
-        load(stage)
+    domains = [load(stage) for stage in config["curriculum"]["stages"]]
+    for domain in domains:
+        if len(domain.ring) < 6:
+            raise DomainError(f"{domain.name}: {len(domain.ring)} vertices are one element: train on at least 6")
+        if sum(other.name == domain.name for other in domains) > 1:
+            raise DomainError(f"{domain.name}: curriculum.stages names it twice: the stages' names must differ")
     folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
+    if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
+        check_unchanged(folder, config)
     folder.claim(resume)
     return folder
+
+
+def check_unchanged(folder: RunFolder, config: Mapping[str, Any]) -> None:
+    """Refuse to go on with other `FIXED` settings than the run began with.
+
+    Raises:
+        RunError: one differs.
+    """
+    before, now = flatten(load_config([folder.config])), flatten(config)
+    for key, value in now.items():
+        if key.startswith(FIXED) and before[key] != value:
+            raise RunError(
+                f"{folder.path} was begun with {key} = {before[key]}, not {value}: go on with the same, "
+                "or --set name=OTHER to begin another"
+            )
 
 
 def deliver(training: Training) -> list[Produced]:
@@ -398,10 +445,3 @@ def draw_curve(folder: RunFolder) -> Path:
         title="Evaluation return over all stages",
     )  # fmt: skip
     return folder.curve
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text)
-    os.replace(partial, path)

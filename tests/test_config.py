@@ -40,6 +40,8 @@ def values_of(key: str, field: Field) -> st.SearchStrategy:
         one = st.floats(field.low, field.high)
     elif field.words or key == "name":
         one = st.sampled_from(field.words or ("main", "1e6", "null", "true", "a.b-c_d", "010"))
+    elif key == "tracking.uri":
+        one = st.sampled_from(["sqlite:///a b.db", "sqlite:////tmp/ünï.db", "http://host:5000", "https://host/#x"])
     else:
         one = st.sampled_from(["T1", "1e6", "3e-4", "null", "yes", "sqlite:///a b.db", "ünï", "a: b", "# x", "'"])
     if field.words and field.kind is not str:
@@ -194,8 +196,8 @@ BAD_SETS = [
     ("sac=3", "sac: is a section: write keys below it, for example sac.buffer_size: ..."),
     ("sac.gamma.x=3", "sac.gamma.x: unknown key: did you mean sac.gamma?"),
     ("sac.batch_size=1.5", "sac.batch_size: must be a whole number in [1, 1000000], not 1.5"),
-    ("seed=1e400", "seed: must be a whole number in [0, 4294967295], not Infinity"),
-    ("seed=-1", "seed: must be a whole number in [0, 4294967295], not -1"),
+    ("seed=1e400", "seed: must be a whole number in [0, 2147483647], not Infinity"),
+    ("seed=-1", "seed: must be a whole number in [0, 2147483647], not -1"),
     ("env.type2=1", "env.type2: must be true or false, not 1"),
     ("env.density=dense", 'env.density: must be continuous or printed, not "dense"'),
     ("env.observation=O4", 'env.observation: must be O1 or O2 or O3 or null, not "O4"'),

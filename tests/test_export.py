@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
-from freemesh_ray.export import ExportError, write
+from freemesh_ray.atomic import OutputError
+from freemesh_ray.export import write
 
 FORMATS = [("mesh.vtu", "4.1"), ("mesh.msh", "4.1"), ("mesh.msh", "2.2"), ("mesh.inp", "4.1")]
 
@@ -125,7 +126,7 @@ def test_what_cannot_be_written_is_said_in_one_line_and_leaves_nothing(
 ):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.vtu").mkdir()
-    with pytest.raises(ExportError) as raised:
+    with pytest.raises(OutputError) as raised:
         write(grid(), tmp_path / name, version=version)
     assert str(raised.value).startswith(f"{tmp_path / name}: {message}")
     assert "\n" not in str(raised.value)
@@ -133,7 +134,7 @@ def test_what_cannot_be_written_is_said_in_one_line_and_leaves_nothing(
 
 
 def test_an_empty_mesh_is_refused(tmp_path: Path):
-    with pytest.raises(ExportError, match="grid has no elements"):
+    with pytest.raises(OutputError, match="grid has no elements"):
         write(Mesh("grid", np.zeros((4, 2)), np.empty((0, 4), np.int64), np.array([[0, 1]]), False), tmp_path / "a.vtu")
 
 
@@ -147,7 +148,7 @@ def test_a_failure_halfway_leaves_the_old_file(tmp_path: Path, monkeypatch: pyte
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(meshio.Mesh, "write", fail)
-    with pytest.raises(ExportError, match="No space left on device"):
+    with pytest.raises(OutputError, match="No space left on device"):
         write(grid(4, 4), path)
     assert path.read_bytes() == before
     assert [item.name for item in tmp_path.iterdir()] == ["mesh.vtu"]

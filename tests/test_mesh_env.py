@@ -242,3 +242,24 @@ def test_bad_task_weights_are_named(weights: dict[str, float], message: str) -> 
     with pytest.raises(ValueError, match=message):
         task.set(weights)
     assert task.get() == {"T1": 0.5, "T2": 0.5}
+
+
+def test_a_step_after_the_end_is_refused() -> None:
+    """Kernels write without bounds checks: an episode that is over must not go on."""
+    env = MeshEnv("T1", max_elements=3)
+    env.reset(seed=0)
+    random = np.random.default_rng(0)
+    while True:
+        _, _, terminated, truncated, _ = env.step(random.uniform(-1, 1, 3))
+        if terminated or truncated:
+            break
+    with pytest.raises(ValueError, match="over"):
+        env.step(np.zeros(3))
+    env.reset()
+    env.step(np.zeros(3))
+
+
+def test_a_number_beside_a_name_has_its_way() -> None:
+    assert MeshEnv("T1", observation="O2", n=4).parameters.n == 4
+    with pytest.raises(ValueError, match="whole"):
+        MeshEnv("T1", n=2.5)

@@ -84,6 +84,16 @@ def test_a_wrong_file_is_named(content: bytes, tmp_path: Path) -> None:
         Policy.load(path)
 
 
+def test_damaged_weights_are_refused() -> None:
+    layers = list(policy().layers)
+    with pytest.raises(PolicyError, match="not finite"):
+        Policy([(layers[0][0] * np.nan, layers[0][1]), *layers[1:]], MeshingParameters())
+    with pytest.raises(PolicyError, match="fit"):
+        Policy([layers[0], layers[0], layers[2]], MeshingParameters())
+    with pytest.raises(PolicyError, match="fit"):
+        Policy([(layers[0][0], layers[0][1][:3]), *layers[1:]], MeshingParameters())
+
+
 def test_a_network_of_other_widths_is_refused() -> None:
     with pytest.raises(PolicyError, match="15 -> 6"):
         Policy(policy().layers, MeshingParameters(n=3))

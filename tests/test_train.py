@@ -16,7 +16,7 @@ from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.curriculum import Curriculum
 from freemesh_ray.evaluate import run_episodes, summary
 from freemesh_ray.policy import Policy
-from freemesh_ray.runs import RunExistsError, RunFolder, newest_policy
+from freemesh_ray.runs import RunError, RunFolder, newest_policy
 from freemesh_ray.tracking import Run
 from freemesh_ray.train import Progress, Status, Training, train
 
@@ -112,9 +112,55 @@ def test_an_interrupted_run_saves_and_goes_on_to_the_same_end(settings: dict[str
     assert trained.progress.updates == 500
 
 
+def test_a_signal_stops_between_iterations_with_everything_saved(settings: dict[str, Any]) -> None:
+    fake, asked = Fake(), iter([False, False, True])
+    with pytest.raises(KeyboardInterrupt):
+        run(settings, fake, interrupted=lambda: next(asked))
+    (saved,) = checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints")
+    assert saved.name == "step_000000300"
+    assert json.loads((saved / "algorithm" / "state.json").read_text()) == [300, 150]
+    assert run(settings, Fake(), resume=True).progress.env_steps == 1000
+    assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
+
+
+def test_evaluations_after_the_checkpoint_are_made_once(settings: dict[str, Any]) -> None:
+    """Killed at 700 with checkpoints at 400: the evaluation at 600 is made again and stands once."""
+    with pytest.raises(KeyboardInterrupt):
+        run(settings, Fake(interrupt_at=700))
+    assert [row["env_steps"] for row in rows(settings)] == [300, 600]
+    run(settings, Fake(), resume=True)
+    assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
+
+
+@pytest.mark.parametrize("change", ["sac.hidden=[3]", "env.density=printed", "env.observation=O1", "env.radius=R3"])
+def test_a_run_does_not_go_on_as_another(change: str, settings: dict[str, Any]) -> None:
+    run(settings, Fake())
+    path = Path(settings["paths"]["runs"]) / "fake" / "config.yaml"
+    before = path.read_text()
+    other = config.load([path], [change])
+    with pytest.raises(RunError, match=change.split("=")[0].split(".")[0]):
+        run(other, Fake(), resume=True)
+    assert path.read_text() == before
+
+
+def test_resuming_a_finished_run_keeps_its_checkpoint(settings: dict[str, Any]) -> None:
+    run(settings, Fake())
+    fake = Fake()
+    run(settings, fake, resume=True)
+    assert fake.saved == 0
+
+
+@pytest.mark.parametrize("damage", ["", "[]", "7", "{", '{"env_steps": 1000, "other": 1}'])
+def test_a_damaged_checkpoint_is_named(damage: str, settings: dict[str, Any]) -> None:
+    trained = run(settings, Fake())
+    (trained.checkpoint / "progress.json").write_text(damage)
+    with pytest.raises(checkpoint.CheckpointError, match="step_000001000"):
+        run(settings, Fake(), resume=True)
+
+
 def test_a_run_is_not_overwritten(settings: dict[str, Any]) -> None:
     run(settings, Fake())
-    with pytest.raises(RunExistsError, match="--resume"):
+    with pytest.raises(RunError, match="--resume"):
         run(settings, Fake())
     assert run(settings, Fake(), resume=True).progress.env_steps == 1000
 

@@ -132,6 +132,8 @@ class SAC(RLlibSAC):
         self.curriculum = self.config.curriculum
         self.env_steps = 0
         self.updates = 0
+        #: Updates owed for steps taken, less than one after a round.
+        self._debt = 0.0
         #: Episodes that ended since the caller last took them.
         self.finished: list[Episode] = []
 
@@ -146,12 +148,14 @@ class SAC(RLlibSAC):
             self.local_replay_buffer.add(part.transitions)
         steps = sum(len(part.transitions) for part in harvest)
         episodes = [episode for part in harvest for episode in part.episodes]
+        warm = max(0, self.env_steps + steps - max(self.env_steps, self.config.warmup_steps))
         self.env_steps += steps
         self._log_round(steps, episodes)
         if self.curriculum is not None:
             self.curriculum = self.curriculum.after(steps, [(e.domain, e.completed) for e in episodes])
-        owed = int((self.env_steps - self.config.warmup_steps) * self.config.updates_per_step) - self.updates
-        if owed > 0:
+        self._debt += warm * self.config.updates_per_step
+        if (owed := int(self._debt)) > 0:
+            self._debt -= owed
             self._update(owed)
 
     def _collect(self, uniform: bool) -> list[Collected]:
@@ -239,6 +243,7 @@ class SAC(RLlibSAC):
         state |= {
             "env_steps": self.env_steps,
             "updates": self.updates,
+            "debt": self._debt,
             "finished": list(self.finished),
             "curriculum": None if self.curriculum is None else self.curriculum.state(),
             ROLLOUTS: self.env_runner_group.foreach_env_runner(
@@ -252,16 +257,22 @@ class SAC(RLlibSAC):
         return state
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Take over a state; a curriculum of other stages than this one's is not taken over."""
+        """Take over a state.
+
+        Raises:
+            ValueError: the state's curriculum is of other stages.
+        """
+        curriculum = self.curriculum
+        if curriculum is not None and state.get("curriculum") is not None:
+            curriculum = curriculum.restored(state["curriculum"])
         super().set_state(state)
         if REPLAY_BUFFER in state:
             self.local_replay_buffer.set_state(state[REPLAY_BUFFER])
         if "env_steps" not in state:
             return
-        self.env_steps, self.updates = state["env_steps"], state["updates"]
+        self.env_steps, self.updates, self._debt = state["env_steps"], state["updates"], state["debt"]
         self.finished = list(state["finished"])
-        if self.curriculum is not None and state["curriculum"] is not None:
-            self.curriculum = self.curriculum.restored(state["curriculum"])
+        self.curriculum = curriculum
         rollouts = dict(state[ROLLOUTS])
         self.env_runner_group.foreach_env_runner(
             lambda runner: runner.worker_index in rollouts and runner.set_rollout_state(rollouts[runner.worker_index]),

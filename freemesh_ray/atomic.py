@@ -1,0 +1,56 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class OutputError(ValueError):
+    """A file that cannot be written; one line with its name, what is wrong and the fix."""
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A draft beside ``path`` to write to; it takes the place of ``path`` when the block ends without an exception.
+
+    Missing folders are made. The draft keeps the suffix, which some writers go by.
+
+    Raises:
+        OutputError: the place cannot be written to.
+    """
+    draft = path.with_name(f".{path.stem}.{os.getpid()}.draft{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield draft
+            os.replace(draft, path)
+        finally:
+            draft.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error}): check the place") from error
+
+
+def check_writable(path: Path) -> None:
+    """Before any work: whether ``path`` could be written.
+
+    Raises:
+        OutputError: it is a folder, or lies where no file can be made.
+    """
+    existing = path.parent
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    try:
+        folder = path.is_dir()
+    except OSError as error:
+        raise OutputError(f"{path.name[:40]}...: cannot be written ({error.strerror})") from error
+    if folder:
+        raise OutputError(f"{path}: is a folder: name a file in it")
+    try:
+        with tempfile.TemporaryFile(dir=existing):  # permissions alone do not tell
+            pass
+    except OSError as error:
+        raise OutputError(f"{path}: nothing can be written to {existing}: choose another place") from error
