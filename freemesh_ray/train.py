@@ -176,7 +176,7 @@ class Training:
             if stop or progress.env_steps - max(0, self._saved_at) >= self.config["checkpoint"]["interval"]:
                 path = self.save()
             if stop:
-                self.note(f"interrupted at {progress.env_steps:,} steps; saved {path}")
+                self.note(f"interrupted at {progress.env_steps:,} steps; saved {path}: --resume goes on from it")
                 raise KeyboardInterrupt
         if progress.evaluated_at < progress.env_steps:
             self.evaluate()
