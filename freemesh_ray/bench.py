@@ -23,6 +23,7 @@ FRONTS = (50, 100, 200, 400, 800, 1600)
 BATCH = 64
 #: Learner and curve measurements: the domain, environments, and gradient steps for each env step, on both sides.
 DOMAIN, ENVS, RATIO = "T1", 16, 0.5
+FRAGMENTS = (8, 64, 256)
 CURVE_SEEDS = (356, 567, 999)
 CURVE_STEPS = 60_000
 
@@ -211,10 +212,12 @@ def bench_sampling(seconds: float) -> None:
         with quiet_ray(runners):
             algo = algorithm(runners)
             speeds = []
-            for fragment in (8, 64):
+            for fragment in FRAGMENTS:
                 algo.config._is_frozen = False
                 algo.config.rollout_fragment_length = fragment
-                algo._collect(uniform=False)
+                warm = time.perf_counter()
+                while time.perf_counter() - warm < seconds:  # new processes are slow at first
+                    algo._collect(uniform=False)
                 count, began = 0, time.perf_counter()
                 while time.perf_counter() - began < seconds:
                     count += sum(len(part.transitions) for part in algo._collect(uniform=False))
@@ -222,7 +225,7 @@ def bench_sampling(seconds: float) -> None:
             algo.stop()
         rows.append([str(runners), *(f"{speed:,.0f}" for speed in speeds)])
     print(f"sampling, {ENVS} environments a runner: transitions a second, to the learner's process")
-    print(table(["env runners", "8 steps a round", "64 steps a round"], rows))
+    print(table(["env runners", *(f"{steps} steps a round" for steps in FRAGMENTS)], rows))
 
 
 def bench_curves(folder: Path) -> None:
