@@ -39,7 +39,13 @@ class Evaluated:
         return self.steps - len(self.mesh.quads) + int(self.completed)
 
 
-def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: bool, seed: int) -> list[Evaluated]:
+#: Invalid actions in a row after which ``widen`` gives up on the policy's own draws.
+PATIENCE = 20
+
+
+def run_episodes(
+    policy: Policy, domain: Domain, episodes: int, *, stochastic: bool, seed: int, widen: bool = False
+) -> list[Evaluated]:
     """Mesh a domain several times, side by side.
 
     Args:
@@ -49,6 +55,8 @@ def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: b
         stochastic: draw every action; otherwise take the squashed mean, and draw only where the last action was
             invalid (the front is unchanged, so the mean would be rejected again).
         seed: of the draws.
+        widen: draw uniformly from all actions after PATIENCE invalid ones in a row, until one is valid: where the
+            policy knows no way, any valid element is better than none. Evaluation does not do so, the mesher does.
 
     Returns:
         One result an episode, in order.
@@ -58,11 +66,13 @@ def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: b
     for i in range(episodes):
         batch.start(i, 0)
     over = np.zeros(episodes, dtype=np.bool_)
-    draw = np.full(episodes, stochastic)
+    invalid = np.zeros(episodes, dtype=np.int64)  # in a row
     while not over.all():
-        out = batch.step(policy.act(batch.out.observation, draw, random), skip=over)
-        if not stochastic:
-            draw = out.rejection > 0
+        actions = policy.act(batch.out.observation, stochastic | (invalid > 0), random)
+        if widen and (lost := invalid >= PATIENCE).any():
+            actions[lost] = random.uniform(-1.0, 1.0, (int(lost.sum()), actions.shape[1]))
+        out = batch.step(actions, skip=over)
+        invalid = np.where(out.rejection > 0, invalid + 1, 0)
         over |= out.terminated | out.truncated
     return [
         Evaluated(batch.mesh(i), batch.episode_return(i), batch.steps(i), batch.mean_eta(i)) for i in range(episodes)

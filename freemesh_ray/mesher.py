@@ -31,9 +31,9 @@ def mesh(policy: Policy, domain: Domain, *, attempts: int = 32, seed: int = 0) -
     if len(domain.ring) == 4:
         whole = Mesh(domain.name, domain.points, domain.ring[None], domain.segments, complete=True)
         return validated(whole, domain)
-    results = run_episodes(policy, domain, 1, stochastic=False, seed=seed)
+    results = run_episodes(policy, domain, 1, stochastic=False, seed=seed, widen=True)
     if not results[0].completed and attempts > 0:
-        results += run_episodes(policy, domain, attempts, stochastic=True, seed=seed + 1)
+        results += run_episodes(policy, domain, attempts, stochastic=True, seed=seed + 1, widen=True)
     completed = [result for result in results if result.completed]
     if not completed:
         farthest = max(results, key=lambda result: result.mesh.areas.sum())
