@@ -65,7 +65,7 @@ class Progress:
 
     Attributes:
         env_steps, updates: so far.
-        seconds: wall clock of training, evaluation and checkpoints, over all its sessions.
+        seconds: wall clock of training, evaluation and checkpoints, over all its starts.
         evaluated_at: env steps at the last evaluation.
         best: score of the best policy (completion rate, return), None before the first evaluation.
         best_steps: env steps of the best policy.
