@@ -15,7 +15,8 @@ from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray.metrics import measure
 from freemesh_ray.table import table
-from freemesh_ray.train import Status, Trained
+from freemesh_ray.train import Trained
+from freemesh_ray.training import Status
 
 #: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
 LOG_INTERVAL = 15.0

@@ -369,6 +369,7 @@ class _Courier:
         if self._client is None:
             uri = self.journal.state.uri
             with _one_at_a_time(uri):
+                _make_whole(uri)
                 self._client = _mlflow()(uri)
         return self._client
 
@@ -410,6 +411,17 @@ def _one_at_a_time(uri: str) -> Iterator[None]:
     with path.with_name(f"{path.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+
+
+def _make_whole(uri: str) -> None:
+    """Make a new sqlite store under another name first: a kill while its tables are made would leave half a store."""
+    path = Path(uri.removeprefix(SQLITE))
+    if not uri.startswith(SQLITE) or path.exists():
+        return
+    draft = path.with_name(f".{path.name}.draft")
+    draft.unlink(missing_ok=True)
+    _mlflow()(f"{SQLITE}{draft}").search_experiments(max_results=1)
+    os.replace(draft, path)
 
 
 @contextmanager

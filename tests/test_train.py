@@ -18,7 +18,8 @@ from freemesh_ray.evaluate import run_episodes, summary
 from freemesh_ray.policy import Policy
 from freemesh_ray.runs import RunError, RunFolder, newest_policy
 from freemesh_ray.tracking import Run
-from freemesh_ray.train import Progress, Status, Training, train
+from freemesh_ray.train import train
+from freemesh_ray.training import Progress, Status, Training
 
 
 class Fake:

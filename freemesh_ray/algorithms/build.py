@@ -46,7 +46,7 @@ def sac_config(config: Mapping[str, Any]) -> SACConfig:
                 rehearsal=curriculum["rehearsal"],
             ),
         )
-        # When to evaluate is the training loop's to decide: see train.Training.
+        # When to evaluate is the training loop's to decide: see training.Training.
         .evaluation(evaluation_interval=None, evaluation_duration=config["evaluation"]["episodes"])
         .debugging(seed=config["seed"], log_level="ERROR")
     )
