@@ -17,6 +17,7 @@ from envs.domain import from_rings, load
 from envs.episodes import Episodes
 from envs.types import Domain, MeshingParameters
 from freemesh_ray import plots
+from freemesh_ray.local_ray import local_ray
 from freemesh_ray.table import table
 
 FRONTS = (50, 100, 200, 400, 800, 1600)
@@ -124,13 +125,6 @@ def bench_env(seconds: float) -> None:
     print(table(["front vertices", "valid actions", "random actions"], rows))
 
 
-def quiet_ray(runners: int) -> Any:
-    """An embedded Ray."""
-    from freemesh_ray.local_ray import local_ray
-
-    return local_ray(runners)
-
-
 def algorithm(runners: int, *, seed: int = 0, warmup: int = 1000, **training: Any) -> Any:
     """Our SAC on the measurement's domain."""
     from freemesh_ray.algorithms.environment import register
@@ -197,7 +191,7 @@ def their_updates_per_second(seconds: float) -> float:
 
 def bench_learner(seconds: float) -> None:
     """Updates a second of whole training rounds, ours and Stable-Baselines3's in turn, three times each."""
-    with quiet_ray(0):
+    with local_ray(0):
         pairs = [(our_updates_per_second(seconds), their_updates_per_second(seconds)) for _ in range(3)]
     rows = [[f"run {i + 1}", f"{a:.0f}", f"{b:.0f}", f"{a / b:.2f}"] for i, (a, b) in enumerate(pairs)]
     ratio = float(np.median([a / b for a, b in pairs]))
@@ -209,7 +203,7 @@ def bench_sampling(seconds: float) -> None:
     """Transitions a second with 0, 1 and 2 env runners, policy included, and with what larger fragments give."""
     rows = []
     for runners in (0, 1, 2):
-        with quiet_ray(runners):
+        with local_ray(runners):
             algo = algorithm(runners)
             speeds = []
             for fragment in FRAGMENTS:
@@ -246,7 +240,7 @@ def bench_curves(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     ended: dict[str, list[list[tuple[int, float]]]] = {"freemesh-ray": [], "Stable-Baselines3": []}
     for seed in CURVE_SEEDS:
-        with quiet_ray(0):
+        with local_ray(0):
             algo, own = algorithm(0, seed=seed, warmup=5000), []
             while algo.env_steps < CURVE_STEPS:
                 algo.training_step()
