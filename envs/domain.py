@@ -8,10 +8,11 @@ from pathlib import Path
 
 from envs import random_domain as generator
 from envs.polygon import from_polygon, from_ring_with_seam, from_rings
+from envs.random_domain import RandomDomains
 from envs.readers import READERS, read
 from envs.types import Domain, DomainError
 
-__all__ = ["catalogue", "from_polygon", "from_ring_with_seam", "from_rings", "load"]
+__all__ = ["RandomDomains", "catalogue", "from_polygon", "from_ring_with_seam", "from_rings", "load", "source"]
 
 #: Where the catalogue's data and drawings lie.
 CATALOGUE = Path(__file__).parent / "domains"
@@ -20,6 +21,11 @@ CATALOGUE = Path(__file__).parent / "domains"
 def catalogue() -> list[str]:
     """Names of the built-in domains: the training domains T1.. last, the test domains D1.. first, in order."""
     return sorted((path.stem for path in CATALOGUE.glob("*.json")), key=lambda name: (name[0], len(name), name))
+
+
+def source(spec: str) -> Domain | RandomDomains:
+    """What episodes can be on: ``random`` is the endless supply, anything else a domain as :func:`load` finds it."""
+    return RandomDomains() if spec.lower() == RandomDomains.name else load(spec)
 
 
 def load(spec: str | os.PathLike[str], *, fix_parity: bool = False) -> Domain:

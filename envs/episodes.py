@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from envs import front as fr
 from envs import transition
 from envs.mesh import Mesh
+from envs.random_domain import RandomDomains
 from envs.types import Domain, Floats, MeshingParameters
 
 
 class Episodes:
-    """B episodes over a fixed list of domains, stepped together by compiled code.
+    """B episodes over a fixed list of domains and endless supplies of them, stepped together by compiled code.
 
     Attributes:
-        domains: the domains an episode can be on.
+        domains: what an episode can be on.
         parameters: the MDP's numbers.
         domain_of: (B,) int64, index into ``domains`` of each episode.
         out: the last outcome (arrays that the next step overwrites).
     """
 
-    def __init__(self, domains: Sequence[Domain], parameters: MeshingParameters, batch: int) -> None:
+    def __init__(self, domains: Sequence[Domain | RandomDomains], parameters: MeshingParameters, batch: int) -> None:
         if not domains:
             raise ValueError("no domain to mesh: give at least one")
-        for domain in domains:
+        fixed = [domain for domain in domains if isinstance(domain, Domain)]
+        supplies = [domain for domain in domains if isinstance(domain, RandomDomains)]
+        for domain in fixed:
             if len(domain.ring) < 6:
                 raise ValueError(
                     f"{domain.name}: a ring of {len(domain.ring)} vertices is one element already; "
@@ -33,32 +37,56 @@ class Episodes:
                 )
         self.domains = list(domains)
         self.parameters = parameters
-        self.caps = np.array([fr.element_cap(domain, parameters) for domain in domains], dtype=np.int64)
-        slots = max(fr.capacity(domain, parameters) for domain in domains)
-        points = max(len(domain.points) for domain in domains)
+        slots = [fr.capacity(len(domain.ring), parameters) for domain in fixed]
+        slots += [fr.capacity(supply.vertices, parameters) for supply in supplies]
+        points = [len(domain.points) for domain in fixed] + [supply.vertices for supply in supplies]
+        caps = [fr.element_cap(domain, parameters) for domain in fixed] + [supply.elements for supply in supplies]
+        self._slots, self._points = max(slots), max(points)
         # One more element than the cap: the last action of a mesh cuts two.
-        elements = int(self.caps.max()) + 1
-        room = points + elements * (2 if parameters.type2 else 1)
-        self._templates = self._stack([fr.template(domain, parameters, slots) for domain in domains], points)
-        self._fronts = fr.allocate(batch, slots, room, elements)
+        self._most_elements = max(caps)
+        elements = self._most_elements + 1
+        room = self._points + elements * (2 if parameters.type2 else 1)
+        # One template a domain, then one an episode, for what it draws from a supply.
+        rows = len(domains) + (batch if supplies else 0)
+        self._templates = fr.allocate(rows, self._slots, self._points, 0)
+        self._caps = np.zeros(rows, dtype=np.int64)
+        self._drawn: list[Domain | None] = [None] * batch
+        for k, entry in enumerate(domains):
+            if isinstance(entry, Domain):
+                self._prepare(k, entry)
+        self._fronts = fr.allocate(batch, self._slots, room, elements)
         self._numbers = transition.numbers(parameters)
         self.out = transition.outcome(batch, parameters)
         self.domain_of = np.zeros(batch, dtype=np.int64)
+        self._row_of = np.zeros(batch, dtype=np.int64)
         self._nobody = np.zeros(batch, dtype=np.bool_)
 
-    @staticmethod
-    def _stack(templates: list[fr.Front], points: int) -> fr.Front:
-        padded = [t._replace(points=np.pad(t.points, ((0, points - len(t.points)), (0, 0)))) for t in templates]
-        return fr.Front(*(np.stack(arrays) for arrays in zip(*padded, strict=True)))
+    def _prepare(self, row: int, domain: Domain) -> None:
+        """Make ``domain`` the template in ``row``."""
+        template = fr.template(domain, self.parameters, self._slots)
+        for target, array in zip(self._templates, template, strict=True):
+            target[row, : len(array)] = array
+        self._caps[row] = min(fr.element_cap(domain, self.parameters), self._most_elements)
 
     def __len__(self) -> int:
         return len(self.domain_of)
 
-    def start(self, i: int, domain: int) -> None:
-        """Begin episode ``i`` afresh on ``domains[domain]``; its observation is in ``out``."""
-        self.domain_of[i] = domain
+    def start(self, i: int, domain: int, random: np.random.Generator | None = None) -> None:
+        """Begin episode ``i`` afresh on ``domains[domain]``; its observation is in ``out``.
+
+        Args:
+            i: the episode.
+            domain: index into ``domains``.
+            random: what a supply draws with; a fixed domain needs none.
+        """
+        entry, row = self.domains[domain], domain
+        if isinstance(entry, RandomDomains):
+            row = len(self.domains) + i
+            self._drawn[i] = entry.draw(np.random.default_rng() if random is None else random)
+            self._prepare(row, self._drawn[i])
+        self.domain_of[i], self._row_of[i] = domain, row
         self.out.terminated[i] = self.out.truncated[i] = False
-        transition.start(self._fronts, self._templates, i, domain, self._numbers, self.out)
+        transition.start(self._fronts, self._templates, i, row, self._numbers, self.out)
 
     def step(self, actions: np.ndarray, skip: np.ndarray | None = None) -> transition.Outcome:
         """Take one action in each episode.
@@ -84,7 +112,7 @@ class Episodes:
         over = (self.out.terminated | self.out.truncated) & ~nobody
         if over.any():
             raise ValueError(f"episode {int(np.flatnonzero(over)[0])} is over: begin it anew before the next step")
-        transition.step_batch(self._fronts, clipped, nobody, self._numbers, self.caps[self.domain_of], self.out)
+        transition.step_batch(self._fronts, clipped, nobody, self._numbers, self._caps[self._row_of], self.out)
         return self.out
 
     def front(self, i: int) -> fr.Front:
@@ -93,7 +121,16 @@ class Episodes:
 
     def domain(self, i: int) -> Domain:
         """The domain that episode ``i`` is on."""
-        return self.domains[self.domain_of[i]]
+        entry = self.domains[self.domain_of[i]]
+        if isinstance(entry, Domain):
+            return entry
+        drawn = self._drawn[i]
+        assert drawn is not None
+        return drawn
+
+    def task(self, i: int) -> str:
+        """The name of what episode ``i`` was begun on: a domain's, or a supply's."""
+        return self.domains[self.domain_of[i]].name
 
     def ring(self, i: int) -> Floats:
         """The front that is left, from the reference vertex on, counter-clockwise; (ring, 2) float64."""
@@ -127,20 +164,26 @@ class Episodes:
         """Actions taken in episode ``i``, invalid ones included."""
         return int(self._fronts.counts[i, fr.STEPS])
 
-    def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that the next step depends on; arrays to be given back to ``set_state``."""
-        names = [*fr.Front._fields, *transition.Outcome._fields, "domain_of"]
-        return dict(zip(names, (array.copy() for array in (*self._fronts, *self.out, self.domain_of)), strict=True))
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the next step depends on, to be given back to ``set_state``."""
+        return {"arrays": {name: array.copy() for name, array in self._arrays().items()}, "drawn": list(self._drawn)}
 
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
+    def set_state(self, state: dict[str, Any]) -> None:
         """Go on where ``get_state`` was taken, with the same domains, parameters and batch.
 
         Raises:
             ValueError: the state is of other sizes.
         """
-        targets = self.get_state()
-        if {k: v.shape for k, v in targets.items()} != {k: v.shape for k, v in state.items()}:
+        arrays, given = self._arrays(), state["arrays"]
+        if {k: v.shape for k, v in arrays.items()} != {k: v.shape for k, v in given.items()}:
             raise ValueError("the state is of episodes with other domains, parameters or batch size")
-        arrays = (*self._fronts, *self.out, self.domain_of)
-        for name, array in zip(targets, arrays, strict=True):
-            array[:] = state[name]
+        for name, array in arrays.items():
+            array[:] = given[name]
+        self._drawn = list(state["drawn"])
+        for i, domain in enumerate(self._drawn):
+            if domain is not None:
+                self._prepare(len(self.domains) + i, domain)
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        names = [*fr.Front._fields, *transition.Outcome._fields, "domain_of", "row_of"]
+        return dict(zip(names, (*self._fronts, *self.out, self.domain_of, self._row_of), strict=True))

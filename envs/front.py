@@ -27,9 +27,12 @@ from envs.kernels.geometry import angle
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
 # Entries of Front.counts.
-RING, POINTS, ELEMENTS, INVALID, FREE, STEPS = range(6)
+RING, POINTS, ELEMENTS, INVALID, FREE, STEPS, GIVEN = range(7)
 # Entries of Front.measure.
 AREA, AREA_0, A_MIN, A_MAX, TOLERANCE, ETA_SUM, RETURN = range(7)
+
+#: Elements around a regular vertex in the interior; on the boundary it is one for every right angle.
+REGULAR = 4
 
 #: Free slots form a list through ``nxt``; a slot outside the ring has this ``prv``.
 OUTSIDE = -1
@@ -46,7 +49,9 @@ class Front(NamedTuple):
         box: (2 C, 4) float64, tree of boxes over the edges slot -> nxt[slot].
         points: (P, 2) float64, every mesh vertex so far.
         quads: (E, 4) int64, the elements so far.
-        counts: (6,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps].
+        need: (P,) int64, elements that each mesh vertex still lacks to be regular, negative when it has too many.
+        counts: (7,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps,
+            given points].
         measure: (7,) float64, [area left, initial area, A_min, A_max, tolerance, sum of eta_e, return].
     """
 
@@ -58,6 +63,7 @@ class Front(NamedTuple):
     box: Floats
     points: Floats
     quads: Ints
+    need: Ints
     counts: Ints
     measure: Floats
 
@@ -67,7 +73,7 @@ def row(batch: Front, i: int) -> Front:
     """The front of episode i of a batch (views, no copies)."""
     return Front(
         batch.xy[i], batch.vid[i], batch.prv[i], batch.nxt[i], batch.key[i], batch.box[i],
-        batch.points[i], batch.quads[i], batch.counts[i], batch.measure[i],
+        batch.points[i], batch.quads[i], batch.need[i], batch.counts[i], batch.measure[i],
     )  # fmt: skip
 
 
@@ -134,6 +140,7 @@ def insert(front: Front, before: int, slot: int, x: float, y: float) -> int:
     """Link a new mesh vertex at (x, y) into the ring after ``before``, in ``slot``; its mesh vertex."""
     vertex = front.counts[POINTS]
     front.points[vertex, 0], front.points[vertex, 1] = x, y
+    front.need[vertex] = REGULAR
     front.counts[POINTS] = vertex + 1
     front.xy[slot, 0], front.xy[slot, 1], front.vid[slot] = x, y, vertex
     after = front.nxt[before]
@@ -181,6 +188,8 @@ def advance(
         slot = front.counts[FREE]
         front.counts[FREE] = front.nxt[slot]
         quad[3] = insert(front, start, slot, ax, ay)
+    for corner in range(4):
+        front.need[quad[corner]] -= 1
 
     front.counts[ELEMENTS] += 1
     front.counts[RING] += 4 - 2 * k
@@ -217,6 +226,7 @@ def close(front: Front) -> None:
     slot = reference_slot(front)
     for corner in range(4):
         quad[corner] = front.vid[slot]
+        front.need[quad[corner]] -= 1
         slot = front.nxt[slot]
     front.counts[ELEMENTS] += 1
     front.counts[RING] = 0
@@ -233,13 +243,17 @@ def restart(front: Front, template: Front) -> None:
     front.key[:] = template.key
     front.box[:] = template.box
     front.points[: len(template.points)] = template.points
+    front.need[: len(template.need)] = template.need
     front.counts[:] = template.counts
     front.measure[:] = template.measure
 
 
-def capacity(domain: Domain, parameters: MeshingParameters) -> int:
-    """Slots for a front: a power of two. Without type 2 a front never grows; with it, there is room to double."""
-    least = len(domain.ring) * (2 if parameters.type2 else 1)
+def capacity(ring: int, parameters: MeshingParameters) -> int:
+    """Slots for a front that begins with ``ring`` vertices: a power of two.
+
+    Without type 2 a front never grows; with it, there is room to double.
+    """
+    least = ring * (2 if parameters.type2 else 1)
     return 1 << max(3, int(least - 1).bit_length())
 
 
@@ -278,6 +292,18 @@ def _index(front: Front, n_rv: int) -> None:
     slot_tree.build(front.key, front.box)
 
 
+def wanted(domain: Domain) -> Ints:
+    """(p,) int64: elements that make each given point regular, its angle inside the domain over a right one.
+
+    A seam point has an angle on each side, which add up; every point takes at least one element.
+    """
+    here = domain.vertices
+    ahead, behind = np.roll(here, -1, axis=0) - here, np.roll(here, 1, axis=0) - here
+    turn = np.arctan2(ahead[:, 0] * behind[:, 1] - ahead[:, 1] * behind[:, 0], (ahead * behind).sum(axis=1))
+    angles = np.bincount(domain.ring, np.mod(turn, 2 * np.pi), minlength=len(domain.points))
+    return np.maximum(1, np.rint(angles / (0.5 * np.pi))).astype(np.int64)
+
+
 def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front:
     """The initial front of a domain, with ``slots`` slots and no room for elements."""
     n, p = len(domain.ring), len(domain.points)
@@ -291,7 +317,8 @@ def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front
         box=np.zeros((2 * slots, 4)),
         points=domain.points.astype(np.float64),
         quads=np.zeros((0, 4), dtype=np.int64),
-        counts=np.array([n, p, 0, 0, n, 0], dtype=np.int64),
+        need=wanted(domain),
+        counts=np.array([n, p, 0, 0, n, 0, p], dtype=np.int64),
         measure=np.array(
             [domain.area, domain.area, a_min, a_max, RELATIVE_TOLERANCE * domain.diameter, 0.0, 0.0], dtype=np.float64
         ),
@@ -315,7 +342,8 @@ def allocate(batch: int, slots: int, points: int, elements: int) -> Front:
         box=np.zeros((batch, 2 * slots, 4)),
         points=np.zeros((batch, points, 2)),
         quads=np.zeros((batch, elements, 4), dtype=np.int64),
-        counts=np.zeros((batch, 6), dtype=np.int64),
+        need=np.zeros((batch, points), dtype=np.int64),
+        counts=np.zeros((batch, 7), dtype=np.int64),
         measure=np.zeros((batch, 7)),
     )
 

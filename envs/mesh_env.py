@@ -12,23 +12,23 @@ from gymnasium import spaces
 
 from envs import observation
 from envs.action import KINDS, REJECTIONS
-from envs.domain import load
+from envs.domain import RandomDomains, source
 from envs.episodes import Episodes
 from envs.render import draw_episode
 from envs.types import OBSERVATIONS, RADII, Domain, MeshingParameters
 
 #: What a domain can be given as: a name, a file, or the thing itself; several are drawn from at each reset.
-DomainSpec = str | Domain | Sequence[str | Domain]
+DomainSpec = str | Domain | RandomDomains | Sequence[str | Domain | RandomDomains]
 
 
-def domains_of(spec: DomainSpec) -> list[Domain]:
+def domains_of(spec: DomainSpec) -> list[Domain | RandomDomains]:
     """The domains that a specification means, in its order.
 
     Raises:
         DomainError: unknown name, or a file that cannot be meshed.
     """
-    parts = [spec] if isinstance(spec, str | Domain) else list(spec)
-    return [part if isinstance(part, Domain) else load(part) for part in parts]
+    parts = [spec] if isinstance(spec, str | Domain | RandomDomains) else list(spec)
+    return [source(part) if isinstance(part, str) else part for part in parts]
 
 
 def parameters_of(options: Mapping[str, Any]) -> MeshingParameters:
@@ -69,7 +69,7 @@ class Task:
         weights: (domains,) float64, adding up to 1.
     """
 
-    def __init__(self, domains: Sequence[Domain]) -> None:
+    def __init__(self, domains: Sequence[Domain | RandomDomains]) -> None:
         self.names = [domain.name for domain in domains]
         self.weights = np.full(len(domains), 1.0 / len(domains))
 
@@ -104,15 +104,16 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
     """Cut quadrilaterals off a domain's boundary until nothing is left.
 
     Args:
-        domain: a catalogue name, a file, ``random:SEED``, a Domain, or several of them to draw from at each reset.
+        domain: a catalogue name, a file, ``random:SEED``, ``random`` (a new one every time), a Domain, or several of
+            them to draw from at each reset.
         render_mode: ``"rgb_array"`` or None.
         options: fields of MeshingParameters, ``observation`` (O1, O2, O3) and ``radius`` (R1, R2, R3).
 
     Observation, action, reward and the end of an episode: see ``envs.observation``, ``envs.action``, ``envs.reward``.
 
-    ``info`` of a step: ``eta_e``, ``eta_b``, ``mu`` (the reward's terms), ``rejection`` (empty, or why the action was
-    invalid), ``kind`` (right, one, left, two). When the episode ends also ``mesh`` (a Mesh), ``completed``,
-    ``elements``, ``mean_eta`` and ``domain``. ``info`` of a reset: ``domain``.
+    ``info`` of a step: ``eta_e``, ``eta_b``, ``mu``, ``nu`` (the reward's terms), ``rejection`` (empty, or why the action
+    was invalid), ``kind`` (right, one, left, two). When the episode ends also ``mesh`` (a Mesh), ``completed``,
+    ``elements``, ``mean_eta``, ``domain`` and ``task`` (what the domain was drawn as). ``info`` of a reset: ``domain``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (gymnasium's own convention)
@@ -131,15 +132,15 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode; the seed decides which domain, when there are several."""
         super().reset(seed=seed)
-        self.episodes.start(0, self.task.draw(self.np_random))
+        self.episodes.start(0, self.task.draw(self.np_random), self.np_random)
         return self.episodes.out.observation[0].copy(), {"domain": self.episodes.domain(0).name}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Cut the element that ``action`` asks for, or reject it and leave the front as it is."""
         out = self.episodes.step(np.asarray(action)[None])
-        eta_e, eta_b, mu = out.terms[0].tolist()
+        eta_e, eta_b, mu, nu = out.terms[0].tolist()
         info: dict[str, Any] = {
-            "eta_e": eta_e, "eta_b": eta_b, "mu": mu,
+            "eta_e": eta_e, "eta_b": eta_b, "mu": mu, "nu": nu,
             "rejection": REJECTIONS[out.rejection[0]], "kind": KINDS[out.kind[0]],
         }  # fmt: skip
         terminated, truncated = bool(out.terminated[0]), bool(out.truncated[0])
@@ -161,4 +162,5 @@ def ending(episodes: Episodes, i: int) -> dict[str, Any]:
         "elements": episodes.elements(i),
         "mean_eta": episodes.mean_eta(i),
         "domain": mesh.name,
+        "task": episodes.task(i),
     }

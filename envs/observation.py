@@ -8,6 +8,12 @@ Polar coordinates with origin V_0 and axis V_0 -> V_r,1; lengths over L_r = beta
     4 n + 2 (j - 1), + 1     V_zeta,j, j = 1..g: length, angle         L_r, pi    [0, 1], [0, 2]
     4 n + 2 g                rho: area left over initial area          1          [0, 1]
 
+With the valence (MeshingParameters.valence), the elements that vertices still lack to be regular, a quarter each:
+
+    4 n + 2 g + 1 + n - j    of V_l,j, j = n..1                        4          [-1, 1]
+    5 n + 2 g + 1            of V_0                                    4          [-1, 1]
+    5 n + 2 g + 1 + j        of V_r,j, j = 1..n                        4          [-1, 1]
+
 The interior angle theta at V_0 is the angle of V_l,1. The angle of V_r,j is the shorter turn from the axis, that of
 V_l,j is theta plus the shorter turn from V_0 -> V_l,1: so a front that runs straight on does not flip between 0 and 2.
 
@@ -34,8 +40,8 @@ ANGLE_TOLERANCE = 1e-9
 
 
 @inlined
-def observe(front: Front, reference: int, n: int, g: int, beta: float, out: Floats) -> None:
-    """Write the observation of V_0 in slot ``reference`` into ``out``, (4 n + 2 g + 1,) float32."""
+def observe(front: Front, reference: int, n: int, g: int, beta: float, valence: bool, out: Floats) -> None:
+    """Write the observation of V_0 in slot ``reference`` into ``out``, (4 n + 2 g + 1 [+ 2 n + 1],) float32."""
     xy = front.xy
     x, y = xy[reference, 0], xy[reference, 1]
     L_r = beta * base_length(front, reference, n)
@@ -55,6 +61,20 @@ def observe(front: Front, reference: int, n: int, g: int, beta: float, out: Floa
         left, right = front.prv[left], front.nxt[right]
     fan(front, reference, n, g, L_r, theta, axis_x, axis_y, out)
     out[4 * n + 2 * g] = min(1.0, max(0.0, front.measure[AREA] / front.measure[AREA_0]))
+    if valence:
+        lacks(front, reference, n, g, out)
+
+
+@inlined
+def lacks(front: Front, reference: int, n: int, g: int, out: Floats) -> None:
+    """Write the elements that V_l,n..V_0..V_r,n still lack into ``out``, over 4."""
+    slot = reference
+    for _ in range(n):
+        slot = front.prv[slot]
+    at = 4 * n + 2 * g + 1
+    for j in range(2 * n + 1):
+        out[at + j] = min(1.0, max(-1.0, 0.25 * front.need[front.vid[slot]]))
+        slot = front.nxt[slot]
 
 
 @inlined
@@ -153,8 +173,9 @@ def first_hit(front: Front, reference: int, L_r: float, direction: float) -> flo
 def bounds(parameters: MeshingParameters) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and highest value of every entry, (size,) float32 each."""
     n, g = parameters.n, parameters.g
-    low = np.array([0, -1] * (2 * n) + [0, 0] * g + [0], dtype=np.float32)
-    high = np.array([1, 3] * n + [1, 1] * n + [1, 2] * g + [1], dtype=np.float32)
+    extra = 2 * n + 1 if parameters.valence else 0
+    low = np.array([0, -1] * (2 * n) + [0, 0] * g + [0] + [-1] * extra, dtype=np.float32)
+    high = np.array([1, 3] * n + [1, 1] * n + [1, 2] * g + [1] + [1] * extra, dtype=np.float32)
     return low, high
 
 
@@ -163,4 +184,6 @@ def names(parameters: MeshingParameters) -> list[str]:
     n, g = parameters.n, parameters.g
     points = [f"l{j}" for j in range(n, 0, -1)] + [f"r{j}" for j in range(1, n + 1)]
     points += [f"zeta{j}" for j in range(1, g + 1)]
-    return [f"{point}_{part}" for point in points for part in ("length", "angle")] + ["rho"]
+    polar = [f"{point}_{part}" for point in points for part in ("length", "angle")]
+    around = [*points[:n], "0", *points[n : 2 * n]] if parameters.valence else []
+    return [*polar, "rho", *(f"{point}_lacks" for point in around)]

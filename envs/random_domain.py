@@ -30,6 +30,35 @@ LEAST_ANGLE = np.radians(15.0)
 
 OUTER_LEAST, HOLE_LEAST = 12, 6
 
+#: Seeds from here on are kept from training.
+HELD_OUT = 2**62
+
+
+@dataclass(frozen=True)
+class RandomDomains:
+    """An endless supply: every draw is a domain that was never seen before.
+
+    Attributes:
+        name: what tasks and curricula call it; the domains drawn are called ``random:SEED``.
+        vertices: most ring vertices of a domain drawn, seams included.
+        elements: most elements a domain drawn may be expected to need.
+    """
+
+    name: str = "random"
+    vertices: int = 256
+    elements: int = 16_384
+
+    def draw(self, random: np.random.Generator) -> Domain:
+        """A domain of the seeds below ``HELD_OUT``."""
+        while True:
+            domain = random_domain(int(random.integers(HELD_OUT)))
+            if len(domain.ring) <= self.vertices:
+                return domain
+
+    def held_out(self, count: int) -> list[Domain]:
+        """The first ``count`` domains that are never drawn, to evaluate on."""
+        return [random_domain(HELD_OUT + i) for i in range(count)]
+
 
 @dataclass(frozen=True)
 class Wishes:

@@ -1,8 +1,8 @@
-"""The reward's three named terms (paper, section "Reward function") and the two constants beside them.
+"""The reward's named terms (paper, section "Reward function") and the two constants beside them.
 
 r = -0.1                    invalid action
     10                      the element that completes the mesh
-    eta_e + eta_b + mu      otherwise
+    eta_e + eta_b + mu      otherwise, and with a weight of ours above 0 (MeshingParameters.irregular) the term nu
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from envs.action import Cut
+from envs.front import GIVEN, Front
 from envs.kernels.compiled import inlined
 from envs.quality import eta_from_angles
 
@@ -57,3 +58,23 @@ def mu(area: float, A_min: float, A_max: float, continuous: bool) -> float:
     if area >= A_max:
         return 0.0
     return (area - (A_max if continuous else A_min)) / (A_max - A_min)
+
+
+@inlined
+def nu(front: Front, cut: Cut) -> float:
+    """Irregularity, at most 0: elements too many or too few at the new vertices that the element takes off the front.
+
+    What leaves the front has all its elements but this one. The domain's given points do not count: where
+    the boundary turns, elements cannot meet evenly.
+
+    Args:
+        front: before the element is cut.
+        cut: the element.
+    """
+    total = 0
+    slot = cut.start
+    for _ in range(cut.k - 1):
+        slot = front.nxt[slot]
+        if front.vid[slot] >= front.counts[GIVEN]:
+            total -= abs(front.need[front.vid[slot]] - 1)
+    return float(total)

@@ -26,7 +26,7 @@ from envs.front import (
 from envs.kernels.compiled import compiled, inlined
 from envs.observation import observe
 from envs.quality import eta_from_angles, inner_angles
-from envs.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu
+from envs.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu, nu
 from envs.types import Floats, Ints, MeshingParameters
 
 
@@ -40,6 +40,8 @@ class Numbers(NamedTuple):
     alpha: float
     M_angle: float
     continuous: bool
+    valence: bool
+    irregular: float
     type2: bool
     max_invalid: int
 
@@ -50,7 +52,7 @@ class Outcome(NamedTuple):
     Attributes:
         observation: (B, size) float32.
         reward: (B,) float64.
-        terms: (B, 3) float64: eta_e, eta_b, mu; zeros for an invalid and for the last element.
+        terms: (B, 4) float64: eta_e, eta_b, mu, nu (weighted); zeros for an invalid and for the last element.
         rejection: (B,) int64, index into action.REJECTIONS (0: accepted).
         kind: (B,) int64, index into action.KINDS.
         terminated, truncated: (B,) bool.
@@ -70,7 +72,7 @@ def numbers(parameters: MeshingParameters) -> Numbers:
     p = parameters
     return Numbers(
         int(p.n), int(p.g), float(p.beta), int(p.n_rv), float(p.alpha), float(p.M_angle),
-        p.density == "continuous", bool(p.type2), int(p.max_invalid),
+        p.density == "continuous", bool(p.valence), float(p.irregular), bool(p.type2), int(p.max_invalid),
     )  # fmt: skip
 
 
@@ -79,7 +81,7 @@ def outcome(batch: int, parameters: MeshingParameters) -> Outcome:
     return Outcome(
         observation=np.zeros((batch, parameters.observation_size), dtype=np.float32),
         reward=np.zeros(batch),
-        terms=np.zeros((batch, 3)),
+        terms=np.zeros((batch, 4)),
         rejection=np.zeros(batch, dtype=np.int64),
         kind=np.zeros(batch, dtype=np.int64),
         terminated=np.zeros(batch, dtype=np.bool_),
@@ -123,6 +125,7 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
         front.counts[INVALID] = 0
         quality = eta_e(cut)
         area = element_area(cut)
+        irregularity = numbers.irregular * nu(front, cut) if numbers.irregular > 0.0 else 0.0
         x, y, k = cut.x, cut.y, cut.k
         new = (k + 1) & 3
         advance(front, cut.start, k, x[new], y[new], x[3], y[3], area, numbers.n_rv)
@@ -136,10 +139,13 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
         else:
             boundary = eta_b(cut, numbers.M_angle)
             density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.continuous)
-            out.terms[i, 0], out.terms[i, 1], out.terms[i, 2] = quality, boundary, density
-            out.reward[i] = quality + boundary + density
+            out.terms[i, 0], out.terms[i, 1] = quality, boundary
+            out.terms[i, 2], out.terms[i, 3] = density, irregularity
+            out.reward[i] = quality + boundary + density + irregularity
             out.truncated[i] = front.counts[ELEMENTS] >= cap
-            observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, out.observation[i])
+            observe(
+                front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.valence, out.observation[i]
+            )
     front.measure[RETURN] += out.reward[i]
 
 
@@ -148,7 +154,7 @@ def start(batch: Front, templates: Front, i: int, domain: int, numbers: Numbers,
     """Begin episode ``i`` of a batch on the given domain's template and observe it."""
     front = row(batch, i)
     restart(front, row(templates, domain))
-    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, out.observation[i])
+    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.valence, out.observation[i])
 
 
 @compiled

@@ -78,6 +78,9 @@ class MeshingParameters:
         kappa: divisor in A_max.
         density: ``"continuous"`` is (A - A_max)/(A_max - A_min); ``"printed"`` the paper's (A - A_min)/(A_max - A_min).
         M_angle: radians; angles left on the front below it are penalised.
+        valence: whether the observation tells, for V_0 and its 2 n neighbours, how many elements they lack to be regular
+            (ours, not the paper's).
+        irregular: weight of the reward's term for irregular vertices (ours, not the paper's), in [0, 10].
         type2: whether actions may add two vertices (Box of 5 in place of 3).
         max_invalid: invalid actions in a row before truncation.
         max_elements: elements before truncation; None: four times the domain's area in mean-length squares, plus n.
@@ -92,6 +95,8 @@ class MeshingParameters:
     kappa: float = 4.0
     density: Literal["continuous", "printed"] = "continuous"
     M_angle: float = np.pi / 3
+    valence: bool = False
+    irregular: float = 0.0
     type2: bool = False
     max_invalid: int = 100
     max_elements: int | None = None
@@ -99,7 +104,8 @@ class MeshingParameters:
     def __post_init__(self) -> None:
         for name, low, high in (
             ("n", 1, 8), ("g", 1, 16), ("n_rv", 1, 8), ("beta", 1e-3, 1e3), ("alpha", 1e-3, 1e3),
-            ("upsilon", 1e-9, 10.0), ("kappa", 1e-9, 1e9), ("M_angle", 1e-9, np.pi), ("max_invalid", 1, 10**9),
+            ("upsilon", 1e-9, 10.0), ("kappa", 1e-9, 1e9), ("M_angle", 1e-9, np.pi), ("irregular", 0.0, 10.0),
+            ("max_invalid", 1, 10**9),
         ):  # fmt: skip
             value = getattr(self, name)
             if name in ("n", "g", "n_rv", "max_invalid") and int(value) != value:
@@ -113,8 +119,8 @@ class MeshingParameters:
 
     @property
     def observation_size(self) -> int:
-        """4 n + 2 g + 1 (15 for O2)."""
-        return 4 * self.n + 2 * self.g + 1
+        """4 n + 2 g + 1 (15 for O2), and 2 n + 1 more with the valence."""
+        return 4 * self.n + 2 * self.g + 1 + (2 * self.n + 1 if self.valence else 0)
 
     @property
     def action_size(self) -> int:

@@ -88,6 +88,7 @@ class MeshVectorEnv(VectorEnv):
             "eta_e": terms[:, 0], "_eta_e": stepped,
             "eta_b": terms[:, 1], "_eta_b": stepped,
             "mu": terms[:, 2], "_mu": stepped,
+            "nu": terms[:, 3], "_nu": stepped,
             "rejection": _REJECTIONS[out.rejection], "_rejection": stepped,
             "kind": _KINDS[out.kind], "_kind": stepped,
         }  # fmt: skip
@@ -126,16 +127,16 @@ class MeshVectorEnv(VectorEnv):
         self.task.set(state["task"])
 
     def _begin(self, i: int) -> None:
-        self.episodes.start(i, self.task.draw(self._randoms[i]))
+        self.episodes.start(i, self.task.draw(self._randoms[i]), self._randoms[i])
 
     def _domain_names(self) -> np.ndarray:
-        return np.array([domain.name for domain in self.episodes.domains])[self.episodes.domain_of]
+        return np.array([self.episodes.domain(i).name for i in range(self.num_envs)])
 
     def _tell_endings(self, infos: dict[str, Any]) -> None:
         for i in np.flatnonzero(self._ended).tolist():
             for key, value in ending(self.episodes, i).items():
                 if key not in infos:
-                    kind = object if key in ("mesh", "domain") else type(value)
+                    kind = object if key in ("mesh", "domain", "task") else type(value)
                     infos[key] = np.zeros(self.num_envs, dtype=kind)
                     infos[f"_{key}"] = self._ended.copy()
                 infos[key][i] = value

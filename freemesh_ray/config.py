@@ -80,6 +80,8 @@ SCHEMA: dict[str, Field] = {
     "env.kappa": Field(float, TINY, 1e9),
     "env.density": Field(str, words=("continuous", "printed")),
     "env.M_angle": Field(float, TINY, math.pi),
+    "env.valence": Field(bool),
+    "env.irregular": Field(float, 0, 10),
     "env.type2": Field(bool),
     "env.max_invalid": Field(int, 1, 10**9),
     "env.max_elements": Field(int, 1, COUNT, optional=True),

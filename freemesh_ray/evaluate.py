@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from envs.domain import RandomDomains
 from envs.episodes import Episodes
 from envs.mesh import Mesh
 from envs.types import Domain
@@ -38,6 +39,9 @@ class Evaluated:
         """Actions that were rejected: all but one an element, and the last action of a mesh cuts two."""
         return self.steps - len(self.mesh.quads) + int(self.completed)
 
+
+#: Domains that an endless supply is evaluated on.
+HELD_OUT_DOMAINS = 40
 
 #: Invalid actions in a row after which ``widen`` gives up on the policy's own draws.
 PATIENCE = 20
@@ -76,6 +80,18 @@ def run_episodes(
         over |= out.terminated | out.truncated
     return [
         Evaluated(batch.mesh(i), batch.episode_return(i), batch.steps(i), batch.mean_eta(i)) for i in range(episodes)
+    ]
+
+
+def evaluation_episodes(
+    policy: Policy, entry: Domain | RandomDomains, episodes: int, *, stochastic: bool, seed: int
+) -> list[Evaluated]:
+    """``episodes`` episodes on a domain; of an endless supply, one on each of the same unseen domains."""
+    if isinstance(entry, Domain):
+        return run_episodes(policy, entry, episodes, stochastic=stochastic, seed=seed)
+    return [
+        run_episodes(policy, domain, 1, stochastic=stochastic, seed=seed)[0]
+        for domain in entry.held_out(HELD_OUT_DOMAINS)
     ]
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from envs.domain import load
+from envs.domain import source
 from envs.mesh import Mesh
 from envs.types import Domain, DomainError
 from freemesh_ray import checkpoint, export, plots
@@ -144,9 +144,9 @@ def prepare(config: Mapping[str, Any], resume: bool) -> RunFolder:
         RunError: the run has checkpoints and ``resume`` is false, it was begun with other settings, or its folder
             cannot be made.
     """
-    domains = [load(stage) for stage in config["curriculum"]["stages"]]
+    domains = [source(stage) for stage in config["curriculum"]["stages"]]
     for domain in domains:
-        if len(domain.ring) < 6:
+        if isinstance(domain, Domain) and len(domain.ring) < 6:
             raise DomainError(f"{domain.name}: {len(domain.ring)} vertices are one element: train on at least 6")
         if sum(other.name == domain.name for other in domains) > 1:
             raise DomainError(f"{domain.name}: curriculum.stages names it twice: the stages' names must differ")
@@ -177,7 +177,9 @@ def deliver(training: Training) -> list[Produced]:
     policy = Policy.load(training.folder.policy)
     produced = []
     for stage in training.config["curriculum"]["stages"]:
-        entry = produce(policy, load(stage), training.folder.meshes)
+        domain = source(stage)
+        example = domain if isinstance(domain, Domain) else domain.held_out(1)[0]
+        entry = produce(policy, example, training.folder.meshes)
         training.run.metrics(
             {f"mesh/{entry.domain}/{name}": value for name, value in entry.figures.items()},
             step=training.progress.env_steps,

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from envs.domain import load
+from envs.domain import source
 from freemesh_ray import checkpoint
 from freemesh_ray.config import meshing_parameters
 from freemesh_ray.policy import Policy
@@ -117,7 +117,7 @@ class Training:
 
     def __post_init__(self) -> None:
         self._recent: deque[Any] = deque(maxlen=RECENT)
-        self._domains = [load(stage) for stage in self.config["curriculum"]["stages"]]
+        self._stages = [source(stage).name for stage in self.config["curriculum"]["stages"]]
         self._saved_at = -1
         self._clock = time.monotonic()
 
@@ -248,9 +248,9 @@ class Training:
         found = self.algorithm.evaluate()
         values: dict[str, float] = {}
         for kind in ("deterministic", "stochastic"):
-            figures = [found[kind][domain.name] for domain in self._domains]
-            for domain, means in zip(self._domains, figures, strict=True):
-                values |= {f"eval_{kind}/{domain.name}/{name}": value for name, value in means.items()}
+            figures = [found[kind][stage] for stage in self._stages]
+            for stage, means in zip(self._stages, figures, strict=True):
+                values |= {f"eval_{kind}/{stage}/{name}": value for name, value in means.items()}
             for name in figures[0]:
                 values[f"eval_{kind}/{name}"] = float(np.mean([means[name] for means in figures]))
         self.progress.evaluated_at = self.progress.env_steps

@@ -50,14 +50,14 @@ def turns(domain: Domain, seed: int, *, tries: int = 48, limit: int = 10_000, **
         actions = rng.uniform(-1.0, 1.0, (tries, parameters.action_size))
         out = episodes.step(actions)
         accepted = out.rejection == ACCEPTED
-        merit = out.terms @ [1.0, 1.0, 0.5] + 10.0 * out.terminated
+        merit = out.terms @ [1.0, 1.0, 0.5, 0.0] + 10.0 * out.terminated
         chosen = int(np.argmax(np.where(accepted, merit, -np.inf))) if accepted.any() else None
         yield Turn(before, actions, episodes, chosen)
         fruitless = fruitless + 1 if chosen is None else 0
         if fruitless == 10 or (chosen is not None and (out.terminated[chosen] or out.truncated[chosen])):
             return
         state = episodes.get_state()
-        for array in state.values():
+        for array in state["arrays"].values():
             array[:] = array[chosen or 0]
         episodes.set_state(state)
 

@@ -211,7 +211,7 @@ def test_games_end_in_whole_meshes() -> None:
 def test_capacity_leaves_room_to_grow() -> None:
     domain = load("T1")
     for type2, factor in ((False, 1), (True, 2)):
-        slots = fr.capacity(domain, MeshingParameters(type2=type2))
+        slots = fr.capacity(len(domain.ring), MeshingParameters(type2=type2))
         assert slots >= factor * len(domain.ring)
         assert slots & (slots - 1) == 0
 

@@ -17,8 +17,8 @@ from envs.mesh import Mesh
 from envs.mesh_env import MeshEnv, Task
 from envs.types import Domain, DomainError, MeshingParameters
 
-STEP_KEYS = {"eta_e", "eta_b", "mu", "rejection", "kind"}
-END_KEYS = {"mesh", "completed", "elements", "mean_eta", "domain"}
+STEP_KEYS = {"eta_e", "eta_b", "mu", "nu", "rejection", "kind"}
+END_KEYS = {"mesh", "completed", "elements", "mean_eta", "domain", "task"}
 
 QUAD = Domain(
     "quad",
@@ -102,7 +102,7 @@ def test_infos(seed: int) -> None:
         if info["rejection"]:
             assert reward == -0.1
         elif not terminated:
-            assert reward == pytest.approx(info["eta_e"] + info["eta_b"] + info["mu"])
+            assert reward == pytest.approx(info["eta_e"] + info["eta_b"] + info["mu"] + info["nu"])
     _, _, terminated, truncated, end = taken[-1]
     mesh = end["mesh"]
     assert isinstance(mesh, Mesh)
@@ -146,7 +146,7 @@ def test_the_default_cap_is_four_times_the_area_in_mean_squares() -> None:
     sides = np.linalg.norm(domain.vertices - np.roll(domain.vertices, -1, axis=0), axis=1)
     cap = element_cap(domain, MeshingParameters())
     assert cap == int(4.0 * domain.area / sides.mean() ** 2) + len(domain.ring)
-    assert MeshEnv(domain).episodes.caps.tolist() == [cap]
+    assert MeshEnv(domain).episodes._caps.tolist() == [cap]
 
 
 @pytest.mark.parametrize(("render_mode", "steps"), [("rgb_array", 0), ("rgb_array", 60), (None, 0)])
@@ -201,8 +201,8 @@ def test_bad_actions_are_named_and_change_nothing(action: list[float], message: 
     before = env.episodes.get_state()
     with pytest.raises(ValueError, match=message):
         env.step(np.array(action))
-    for key, value in env.episodes.get_state().items():
-        np.testing.assert_array_equal(value, before[key])
+    for key, value in env.episodes.get_state()["arrays"].items():
+        np.testing.assert_array_equal(value, before["arrays"][key])
 
 
 def test_actions_are_clipped() -> None:

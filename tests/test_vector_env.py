@@ -11,6 +11,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from envs.mesh_env import MeshEnv
+from envs.random_domain import HELD_OUT
 from envs.vector_env import MeshVectorEnv
 
 DOMAINS = ["random:11", "random:3", "T2"]
@@ -192,3 +193,33 @@ def test_a_bad_action_names_its_environment(value: float) -> None:
         env.step(actions)
     with pytest.raises(ValueError, match="expected"):
         env.step(np.zeros(3))
+
+
+def test_an_endless_supply_gives_a_new_domain_every_time() -> None:
+    env = MeshVectorEnv(4, domain=["T1", "random"], max_invalid=20)
+    env.reset(seed=3)
+    names: list[str] = []
+    tasks: list[str] = []
+    for actions in np.random.default_rng(0).uniform(-1.0, 1.0, (200, 4, 3)):
+        *_, infos = env.step(actions)
+        if "domain" in infos:
+            names += infos["domain"][infos["_domain"]].tolist()
+            tasks += infos["task"][infos["_task"]].tolist()
+    drawn = [name for name in names if name != "T1"]
+    assert len(set(drawn)) == len(drawn) > 5
+    assert {*tasks} == {"T1", "random"}
+    assert all(int(name.removeprefix("random:")) < HELD_OUT for name in drawn)
+
+
+def test_episodes_on_drawn_domains_go_on_from_their_state() -> None:
+    env, other = (MeshVectorEnv(4, domain=["T1", "random"], max_invalid=20) for _ in range(2))
+    env.reset(seed=3)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (160, 4, 3))
+    for action in actions[:80]:
+        env.step(action)
+    other.set_state(env.get_state())
+    for action in actions[80:]:
+        for mine, yours in zip(env.step(action)[:4], other.step(action)[:4], strict=True):
+            np.testing.assert_array_equal(mine, yours)
+    for i in range(4):
+        np.testing.assert_array_equal(env.episodes.mesh(i).vertices, other.episodes.mesh(i).vertices)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from envs.domain import load
+from envs.domain import source
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.sac import SAC, SACConfig
 from freemesh_ray.config import meshing_parameters
@@ -16,7 +16,7 @@ from freemesh_ray.curriculum import Curriculum
 def sac_config(config: Mapping[str, Any]) -> SACConfig:
     """The SAC that a configuration tree (see ``config.load``) describes."""
     sac, runners, curriculum = config["sac"], config["runners"], config["curriculum"]
-    domains = [load(stage) for stage in curriculum["stages"]]
+    domains = [source(stage) for stage in curriculum["stages"]]
     return (
         SACConfig()
         .environment(register(), env_config={"domain": domains, **asdict(meshing_parameters(config))})

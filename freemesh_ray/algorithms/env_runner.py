@@ -20,7 +20,7 @@ class Episode(NamedTuple):
     """What is kept of an episode that ended.
 
     Attributes:
-        domain: its name; empty for environments that have none.
+        domain: what its domain was drawn as, a stage of the curriculum; empty for environments that have none.
         length: env steps.
         episode_return: undiscounted sum of rewards.
         completed: whether the mesh was finished (for other environments: whether the episode terminated).
@@ -143,7 +143,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
     def _episode(self, i: int, terminated: bool, infos: dict[str, Any]) -> Episode:
         told = "mesh" in infos
         return Episode(
-            domain=str(infos["domain"][i]) if told else "",
+            domain=str(infos["task"][i]) if told else "",
             length=int(self._lengths[i]),
             episode_return=float(self._returns[i]),
             completed=bool(infos["completed"][i]) if told else terminated,

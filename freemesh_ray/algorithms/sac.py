@@ -21,7 +21,7 @@ from freemesh_ray.algorithms.replay_buffer import ReplayBuffer, Transitions
 from freemesh_ray.algorithms.sac_learner import SACLearner
 from freemesh_ray.algorithms.sac_module import SACModule
 from freemesh_ray.curriculum import Curriculum
-from freemesh_ray.evaluate import run_episodes, summary
+from freemesh_ray.evaluate import evaluation_episodes, summary
 from freemesh_ray.policy import Policy
 
 ROLLOUTS = "rollouts"
@@ -210,7 +210,8 @@ class SAC(RLlibSAC):
                 self.metrics.log_value((key, name), value, window=self.config.metrics_num_episodes_for_smoothing)
 
     def evaluate(self, parallel_train_future: Any = None) -> dict[str, Any]:
-        """The paper's evaluation: ``evaluation_duration`` episodes of each kind on every domain.
+        """The paper's evaluation: ``evaluation_duration`` episodes of each kind on every domain, and one on
+        each of ``HELD_OUT_DOMAINS`` unseen ones where a supply draws them without end.
 
         In this process: the episodes of a domain run side by side in compiled code, faster than they could be sent.
 
@@ -224,8 +225,8 @@ class SAC(RLlibSAC):
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
         return {
             kind: {
-                domain.name: summary(run_episodes(policy, domain, episodes, stochastic=stochastic, seed=seed))
-                for domain in domains
+                entry.name: summary(evaluation_episodes(policy, entry, episodes, stochastic=stochastic, seed=seed))
+                for entry in domains
             }
             for kind, stochastic in (("deterministic", False), ("stochastic", True))
         }
