@@ -82,8 +82,9 @@ class Episodes:
         entry, row = self.domains[domain], domain
         if isinstance(entry, RandomDomains):
             row = len(self.domains) + i
-            self._drawn[i] = entry.draw(np.random.default_rng() if random is None else random)
-            self._prepare(row, self._drawn[i])
+            drawn = entry.draw(np.random.default_rng() if random is None else random)
+            self._drawn[i] = drawn
+            self._prepare(row, drawn)
         self.domain_of[i], self._row_of[i] = domain, row
         self.out.terminated[i] = self.out.truncated[i] = False
         transition.start(self._fronts, self._templates, i, row, self._numbers, self.out)

@@ -111,8 +111,8 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
 
     Observation, action, reward and the end of an episode: see ``envs.observation``, ``envs.action``, ``envs.reward``.
 
-    ``info`` of a step: ``eta_e``, ``eta_b``, ``mu``, ``nu`` (the reward's terms), ``rejection`` (empty, or why the action
-    was invalid), ``kind`` (right, one, left, two). When the episode ends also ``mesh`` (a Mesh), ``completed``,
+    ``info`` of a step: ``eta_e``, ``eta_b``, ``mu``, ``nu`` (the reward's terms), ``rejection`` (empty, or why the
+    action was invalid), ``kind`` (right, one, left, two). When the episode ends also ``mesh`` (a Mesh), ``completed``,
     ``elements``, ``mean_eta``, ``domain`` and ``task`` (what the domain was drawn as). ``info`` of a reset: ``domain``.
     """
 

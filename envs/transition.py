@@ -102,6 +102,12 @@ def ring_quality(front: Front) -> float:
 
 
 @inlined
+def look(front: Front, numbers: Numbers, out: Floats) -> None:
+    """Observe the reference vertex."""
+    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.valence, out)
+
+
+@inlined
 def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: int, cap: int) -> None:
     """Advance one episode by one action and write row ``i`` of ``out``.
 
@@ -143,9 +149,7 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
             out.terms[i, 2], out.terms[i, 3] = density, irregularity
             out.reward[i] = quality + boundary + density + irregularity
             out.truncated[i] = front.counts[ELEMENTS] >= cap
-            observe(
-                front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.valence, out.observation[i]
-            )
+            look(front, numbers, out.observation[i])
     front.measure[RETURN] += out.reward[i]
 
 
@@ -154,7 +158,7 @@ def start(batch: Front, templates: Front, i: int, domain: int, numbers: Numbers,
     """Begin episode ``i`` of a batch on the given domain's template and observe it."""
     front = row(batch, i)
     restart(front, row(templates, domain))
-    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.valence, out.observation[i])
+    look(front, numbers, out.observation[i])
 
 
 @compiled

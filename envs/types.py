@@ -78,8 +78,8 @@ class MeshingParameters:
         kappa: divisor in A_max.
         density: ``"continuous"`` is (A - A_max)/(A_max - A_min); ``"printed"`` the paper's (A - A_min)/(A_max - A_min).
         M_angle: radians; angles left on the front below it are penalised.
-        valence: whether the observation tells, for V_0 and its 2 n neighbours, how many elements they lack to be regular
-            (ours, not the paper's).
+        valence: whether the observation tells how many elements V_0 and its 2 n neighbours lack to be regular (ours,
+            not the paper's).
         irregular: weight of the reward's term for irregular vertices (ours, not the paper's), in [0, 10].
         type2: whether actions may add two vertices (Box of 5 in place of 3).
         max_invalid: invalid actions in a row before truncation.

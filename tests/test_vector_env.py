@@ -196,7 +196,7 @@ def test_a_bad_action_names_its_environment(value: float) -> None:
 
 
 def test_an_endless_supply_gives_a_new_domain_every_time() -> None:
-    env = MeshVectorEnv(4, domain=["T1", "random"], max_invalid=20)
+    env = MeshVectorEnv(4, domain=["T1", "random"], max_invalid=4)
     env.reset(seed=3)
     names: list[str] = []
     tasks: list[str] = []
@@ -212,7 +212,7 @@ def test_an_endless_supply_gives_a_new_domain_every_time() -> None:
 
 
 def test_episodes_on_drawn_domains_go_on_from_their_state() -> None:
-    env, other = (MeshVectorEnv(4, domain=["T1", "random"], max_invalid=20) for _ in range(2))
+    env, other = (MeshVectorEnv(4, domain=["T1", "random"], max_invalid=4) for _ in range(2))
     env.reset(seed=3)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (160, 4, 3))
     for action in actions[:80]:
