@@ -49,6 +49,8 @@ class Front(NamedTuple):
         box: (2 C, 4) float64, tree of boxes over the edges slot -> nxt[slot].
         points: (P, 2) float64, every mesh vertex so far.
         quads: (E, 4) int64, the elements so far.
+        size: (P,) float64, edge length wanted at each mesh vertex: given points' from their edges, new ones' from the
+            vertices they were put between; domain units.
         need: (P,) int64, elements that each mesh vertex still lacks to be regular, negative when it has too many.
         counts: (7,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps,
             given points].
@@ -63,6 +65,7 @@ class Front(NamedTuple):
     box: Floats
     points: Floats
     quads: Ints
+    size: Floats
     need: Ints
     counts: Ints
     measure: Floats
@@ -73,7 +76,7 @@ def row(batch: Front, i: int) -> Front:
     """The front of episode i of a batch (views, no copies)."""
     return Front(
         batch.xy[i], batch.vid[i], batch.prv[i], batch.nxt[i], batch.key[i], batch.box[i],
-        batch.points[i], batch.quads[i], batch.need[i], batch.counts[i], batch.measure[i],
+        batch.points[i], batch.quads[i], batch.size[i], batch.need[i], batch.counts[i], batch.measure[i],
     )  # fmt: skip
 
 
@@ -181,13 +184,16 @@ def advance(
         slot = front.counts[FREE]
         front.counts[FREE] = front.nxt[slot]
         quad[2] = insert(front, start, slot, ax, ay)
+        front.size[quad[2]] = front.size[quad[1]]
         slot = front.counts[FREE]
         front.counts[FREE] = front.nxt[slot]
         quad[3] = insert(front, start, slot, bx, by)
+        front.size[quad[3]] = front.size[quad[0]]
     elif k == 2:
         slot = front.counts[FREE]
         front.counts[FREE] = front.nxt[slot]
         quad[3] = insert(front, start, slot, ax, ay)
+        front.size[quad[3]] = 0.5 * (front.size[quad[0]] + front.size[quad[2]])
     for corner in range(4):
         front.need[quad[corner]] -= 1
 
@@ -243,6 +249,7 @@ def restart(front: Front, template: Front) -> None:
     front.key[:] = template.key
     front.box[:] = template.box
     front.points[: len(template.points)] = template.points
+    front.size[: len(template.size)] = template.size
     front.need[: len(template.need)] = template.need
     front.counts[:] = template.counts
     front.measure[:] = template.measure
@@ -304,6 +311,14 @@ def wanted(domain: Domain) -> Ints:
     return np.maximum(1, np.rint(angles / (0.5 * np.pi))).astype(np.int64)
 
 
+def sizes(domain: Domain) -> Floats:
+    """(p,) float64: mean length of the ring's edges at each given point, in domain units."""
+    here, count = domain.vertices, len(domain.points)
+    lengths = np.linalg.norm(np.roll(here, -1, axis=0) - here, axis=1)
+    total = np.bincount(domain.ring, lengths + np.roll(lengths, 1), minlength=count)
+    return total / (2.0 * np.bincount(domain.ring, minlength=count))
+
+
 def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front:
     """The initial front of a domain, with ``slots`` slots and no room for elements."""
     n, p = len(domain.ring), len(domain.points)
@@ -317,6 +332,7 @@ def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front
         box=np.zeros((2 * slots, 4)),
         points=domain.points.astype(np.float64),
         quads=np.zeros((0, 4), dtype=np.int64),
+        size=sizes(domain),
         need=wanted(domain),
         counts=np.array([n, p, 0, 0, n, 0, p], dtype=np.int64),
         measure=np.array(
@@ -342,6 +358,7 @@ def allocate(batch: int, slots: int, points: int, elements: int) -> Front:
         box=np.zeros((batch, 2 * slots, 4)),
         points=np.zeros((batch, points, 2)),
         quads=np.zeros((batch, elements, 4), dtype=np.int64),
+        size=np.zeros((batch, points)),
         need=np.zeros((batch, points), dtype=np.int64),
         counts=np.zeros((batch, 7), dtype=np.int64),
         measure=np.zeros((batch, 7)),

@@ -8,11 +8,12 @@ Polar coordinates with origin V_0 and axis V_0 -> V_r,1; lengths over L_r = beta
     4 n + 2 (j - 1), + 1     V_zeta,j, j = 1..g: length, angle         L_r, pi    [0, 1], [0, 2]
     4 n + 2 g                rho: area left over initial area          1          [0, 1]
 
-With the valence (MeshingParameters.valence), the elements that vertices still lack to be regular, a quarter each:
+Extended (MeshingParameters.extended), by the elements that vertices still lack to be regular, and the size wanted:
 
     4 n + 2 g + 1 + n - j    of V_l,j, j = n..1                        4          [-1, 1]
     5 n + 2 g + 1            of V_0                                    4          [-1, 1]
     5 n + 2 g + 1 + j        of V_r,j, j = 1..n                        4          [-1, 1]
+    6 n + 2 g + 2            ln of L over the length wanted at V_0     ln 4       [-1, 1]
 
 The interior angle theta at V_0 is the angle of V_l,1. The angle of V_r,j is the shorter turn from the axis, that of
 V_l,j is theta plus the shorter turn from V_0 -> V_l,1: so a front that runs straight on does not flip between 0 and 2.
@@ -35,13 +36,15 @@ from envs.kernels.compiled import inlined
 from envs.kernels.geometry import TWO_PI, angle, ray_hit, signed_angle
 from envs.types import Floats, MeshingParameters
 
+LN_4 = math.log(4.0)
+
 #: Directions closer than this count as one, in radians.
 ANGLE_TOLERANCE = 1e-9
 
 
 @inlined
-def observe(front: Front, reference: int, n: int, g: int, beta: float, valence: bool, out: Floats) -> None:
-    """Write the observation of V_0 in slot ``reference`` into ``out``, (4 n + 2 g + 1 [+ 2 n + 1],) float32."""
+def observe(front: Front, reference: int, n: int, g: int, beta: float, extended: bool, out: Floats) -> None:
+    """Write the observation of V_0 in slot ``reference`` into ``out``, (4 n + 2 g + 1 [+ 2 n + 2],) float32."""
     xy = front.xy
     x, y = xy[reference, 0], xy[reference, 1]
     L_r = beta * base_length(front, reference, n)
@@ -61,8 +64,10 @@ def observe(front: Front, reference: int, n: int, g: int, beta: float, valence: 
         left, right = front.prv[left], front.nxt[right]
     fan(front, reference, n, g, L_r, theta, axis_x, axis_y, out)
     out[4 * n + 2 * g] = min(1.0, max(0.0, front.measure[AREA] / front.measure[AREA_0]))
-    if valence:
+    if extended:
         lacks(front, reference, n, g, out)
+        ratio = L_r / (beta * front.size[front.vid[reference]])
+        out[6 * n + 2 * g + 2] = min(1.0, max(-1.0, math.log(ratio) / LN_4))
 
 
 @inlined
@@ -173,7 +178,7 @@ def first_hit(front: Front, reference: int, L_r: float, direction: float) -> flo
 def bounds(parameters: MeshingParameters) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and highest value of every entry, (size,) float32 each."""
     n, g = parameters.n, parameters.g
-    extra = 2 * n + 1 if parameters.valence else 0
+    extra = 2 * n + 2 if parameters.extended else 0
     low = np.array([0, -1] * (2 * n) + [0, 0] * g + [0] + [-1] * extra, dtype=np.float32)
     high = np.array([1, 3] * n + [1, 1] * n + [1, 2] * g + [1] + [1] * extra, dtype=np.float32)
     return low, high
@@ -185,5 +190,7 @@ def names(parameters: MeshingParameters) -> list[str]:
     points = [f"l{j}" for j in range(n, 0, -1)] + [f"r{j}" for j in range(1, n + 1)]
     points += [f"zeta{j}" for j in range(1, g + 1)]
     polar = [f"{point}_{part}" for point in points for part in ("length", "angle")]
-    around = [*points[:n], "0", *points[n : 2 * n]] if parameters.valence else []
-    return [*polar, "rho", *(f"{point}_lacks" for point in around)]
+    if not parameters.extended:
+        return [*polar, "rho"]
+    around = [*points[:n], "0", *points[n : 2 * n]]
+    return [*polar, "rho", *(f"{point}_lacks" for point in around), "size"]

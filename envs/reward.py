@@ -61,6 +61,21 @@ def mu(area: float, A_min: float, A_max: float, continuous: bool) -> float:
 
 
 @inlined
+def mu_local(front: Front, cut: Cut, area: float, upsilon: float) -> float:
+    """Density by the sizes around (ours): -log2(A / A_wanted)^2, at least -1: a factor of 2 costs as much as can be.
+
+    A_wanted = v s^2 with s the mean edge length wanted at the chain's vertices. The observation is free of scale, so
+    what the agent is paid for must be, too: bounds of the whole domain's edges are not seen from the front.
+    """
+    slot, total = cut.start, 0.0
+    for _ in range(cut.k + 1):
+        total += front.size[front.vid[slot]]
+        slot = front.nxt[slot]
+    wanted = total / (cut.k + 1)
+    return -min(1.0, math.log2(max(area, 1e-300) / (upsilon * wanted * wanted)) ** 2)
+
+
+@inlined
 def nu(front: Front, cut: Cut) -> float:
     """Irregularity, at most 0: elements too many or too few at the new vertices that the element takes off the front.
 

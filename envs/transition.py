@@ -26,8 +26,8 @@ from envs.front import (
 from envs.kernels.compiled import compiled, inlined
 from envs.observation import observe
 from envs.quality import eta_from_angles, inner_angles
-from envs.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu, nu
-from envs.types import Floats, Ints, MeshingParameters
+from envs.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu, mu_local, nu
+from envs.types import DENSITIES, Floats, Ints, MeshingParameters
 
 
 class Numbers(NamedTuple):
@@ -39,8 +39,9 @@ class Numbers(NamedTuple):
     n_rv: int
     alpha: float
     M_angle: float
-    continuous: bool
-    valence: bool
+    density: int
+    upsilon: float
+    extended: bool
     irregular: float
     type2: bool
     max_invalid: int
@@ -72,7 +73,8 @@ def numbers(parameters: MeshingParameters) -> Numbers:
     p = parameters
     return Numbers(
         int(p.n), int(p.g), float(p.beta), int(p.n_rv), float(p.alpha), float(p.M_angle),
-        p.density == "continuous", bool(p.valence), float(p.irregular), bool(p.type2), int(p.max_invalid),
+        DENSITIES.index(p.density), float(p.upsilon), bool(p.extended), float(p.irregular), bool(p.type2),
+        int(p.max_invalid),
     )  # fmt: skip
 
 
@@ -104,7 +106,7 @@ def ring_quality(front: Front) -> float:
 @inlined
 def look(front: Front, numbers: Numbers, out: Floats) -> None:
     """Observe the reference vertex."""
-    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.valence, out)
+    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.extended, out)
 
 
 @inlined
@@ -132,6 +134,10 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
         quality = eta_e(cut)
         area = element_area(cut)
         irregularity = numbers.irregular * nu(front, cut) if numbers.irregular > 0.0 else 0.0
+        if numbers.density == 2:
+            density = mu_local(front, cut, area, numbers.upsilon)
+        else:
+            density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.density == 0)
         x, y, k = cut.x, cut.y, cut.k
         new = (k + 1) & 3
         advance(front, cut.start, k, x[new], y[new], x[3], y[3], area, numbers.n_rv)
@@ -144,7 +150,6 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
             out.truncated[i] = False
         else:
             boundary = eta_b(cut, numbers.M_angle)
-            density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.continuous)
             out.terms[i, 0], out.terms[i, 1] = quality, boundary
             out.terms[i, 2], out.terms[i, 3] = density, irregularity
             out.reward[i] = quality + boundary + density + irregularity

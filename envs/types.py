@@ -23,6 +23,10 @@ MIN_ELEMENT_ANGLE = 0.01 * np.pi
 MAX_ELEMENT_ANGLE = 0.99 * np.pi
 
 
+#: What the density term of the reward can be, in the order that compiled code numbers them.
+DENSITIES = ("continuous", "printed", "local")
+
+
 class DomainError(ValueError):
     """A polygon that cannot be meshed; the message names the source, the place and the fix."""
 
@@ -76,10 +80,11 @@ class MeshingParameters:
         alpha: action radius over base length, r = alpha L (R1: 1, R2: 2, R3: 3).
         upsilon: density weight in (0, 10]; 0.5 dense, 1 medium, 1.5 sparse.
         kappa: divisor in A_max.
-        density: ``"continuous"`` is (A - A_max)/(A_max - A_min); ``"printed"`` the paper's (A - A_min)/(A_max - A_min).
+        density: ``"continuous"`` is (A - A_max)/(A_max - A_min); ``"printed"`` the paper's (A - A_min)/(A_max - A_min);
+            ``"local"`` (ours) compares A with the area wanted there, by the lengths of the boundary edges nearby.
         M_angle: radians; angles left on the front below it are penalised.
-        valence: whether the observation tells how many elements V_0 and its 2 n neighbours lack to be regular (ours,
-            not the paper's).
+        extended: whether the observation also tells how many elements V_0 and its 2 n neighbours lack to be regular,
+            and how L compares with the edge length wanted there (ours, not the paper's).
         irregular: weight of the reward's term for irregular vertices (ours, not the paper's), in [0, 10].
         type2: whether actions may add two vertices (Box of 5 in place of 3).
         max_invalid: invalid actions in a row before truncation.
@@ -93,9 +98,9 @@ class MeshingParameters:
     alpha: float = 2.0
     upsilon: float = 1.0
     kappa: float = 4.0
-    density: Literal["continuous", "printed"] = "continuous"
+    density: Literal["continuous", "printed", "local"] = "continuous"
     M_angle: float = np.pi / 3
-    valence: bool = False
+    extended: bool = False
     irregular: float = 0.0
     type2: bool = False
     max_invalid: int = 100
@@ -112,15 +117,15 @@ class MeshingParameters:
                 raise ValueError(f"MeshingParameters.{name} = {value!r}: must be a whole number")
             if not low <= value <= high:
                 raise ValueError(f"MeshingParameters.{name} = {value!r}: must lie in [{low}, {high}]")
-        if self.density not in ("continuous", "printed"):
-            raise ValueError(f"MeshingParameters.density = {self.density!r}: use 'continuous' or 'printed'")
+        if self.density not in DENSITIES:
+            raise ValueError(f"MeshingParameters.density = {self.density!r}: use one of {', '.join(DENSITIES)}")
         if self.max_elements is not None and self.max_elements < 1:
             raise ValueError(f"MeshingParameters.max_elements = {self.max_elements!r}: must be at least 1, or None")
 
     @property
     def observation_size(self) -> int:
-        """4 n + 2 g + 1 (15 for O2), and 2 n + 1 more with the valence."""
-        return 4 * self.n + 2 * self.g + 1 + (2 * self.n + 1 if self.valence else 0)
+        """4 n + 2 g + 1 (15 for O2), and 2 n + 2 more when extended."""
+        return 4 * self.n + 2 * self.g + 1 + (2 * self.n + 2 if self.extended else 0)
 
     @property
     def action_size(self) -> int:

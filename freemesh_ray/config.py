@@ -20,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from envs.types import OBSERVATIONS, RADII, MeshingParameters
+from envs.types import DENSITIES, OBSERVATIONS, RADII, MeshingParameters
 
 Scalar = str | int | float | bool | None
 
@@ -78,9 +78,9 @@ SCHEMA: dict[str, Field] = {
     "env.alpha": Field(float, 1e-3, 1e3),
     "env.upsilon": Field(float, TINY, 10),
     "env.kappa": Field(float, TINY, 1e9),
-    "env.density": Field(str, words=("continuous", "printed")),
+    "env.density": Field(str, words=DENSITIES),
     "env.M_angle": Field(float, TINY, math.pi),
-    "env.valence": Field(bool),
+    "env.extended": Field(bool),
     "env.irregular": Field(float, 0, 10),
     "env.type2": Field(bool),
     "env.max_invalid": Field(int, 1, 10**9),

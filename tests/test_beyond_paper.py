@@ -1,13 +1,15 @@
-"""The elements that vertices lack to be regular: kept while meshing, observed, and rewarded."""
+"""What the MDP knows beyond the paper: elements that vertices lack to be regular, and the size wanted."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from play import turns
 
 from envs.domain import load
-from envs.front import ELEMENTS, GIVEN, POINTS, REGULAR, reference_slot, wanted
+from envs.front import AREA, ELEMENTS, GIVEN, POINTS, REGULAR, reference_slot, sizes, wanted
 from envs.mesh_env import spaces_of
 from envs.observation import names
 from envs.types import MeshingParameters
@@ -44,18 +46,18 @@ def test_the_boundary_wants_an_element_for_every_right_angle(name: str) -> None:
 
 @pytest.mark.parametrize("name", DOMAINS)
 def test_it_is_observed(name: str) -> None:
-    parameters = MeshingParameters(valence=True)
+    parameters = MeshingParameters(extended=True)
     box, _ = spaces_of(parameters)
     labels = names(parameters)
-    assert labels[-5:] == ["l2_lacks", "l1_lacks", "0_lacks", "r1_lacks", "r2_lacks"]
-    for turn in turns(load(name), 1, limit=40, valence=True):
+    assert labels[-6:] == ["l2_lacks", "l1_lacks", "0_lacks", "r1_lacks", "r2_lacks", "size"]
+    for turn in turns(load(name), 1, limit=40, extended=True):
         if turn.chosen is None or turn.episodes.out.terminated[turn.chosen]:
             continue
         seen = turn.episodes.out.observation[turn.chosen]
         front = turn.after
         slot = int(reference_slot(front))
         slot = front.prv[front.prv[slot]]
-        for value in seen[-5:]:
+        for value in seen[-6:-1]:
             assert value == np.float32(np.clip(front.need[front.vid[slot]] / 4, -1, 1))
             slot = front.nxt[slot]
         assert box.contains(seen)
@@ -73,3 +75,32 @@ def test_irregular_vertices_cost_their_weight(name: str) -> None:
         new = gone[gone >= after.counts[GIVEN]]
         expected = -weight * np.abs(after.need[new]).sum()
         assert turn.episodes.out.terms[turn.chosen, 3] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", DOMAINS)
+def test_new_vertices_want_the_size_of_those_they_were_put_between(name: str) -> None:
+    domain = load(name)
+    given = sizes(domain)
+    for turn in turns(domain, 5, limit=60, type2=True):
+        front = turn.episodes.front(turn.chosen or 0)
+        wanted_sizes = front.size[: front.counts[POINTS]]
+        np.testing.assert_array_equal(wanted_sizes[: front.counts[GIVEN]], given)
+        assert given.min() <= wanted_sizes.min() <= wanted_sizes.max() <= given.max()
+
+
+def test_sizes_scale_with_the_domain() -> None:
+    domain = load("D4")
+    np.testing.assert_allclose(sizes(replace(domain, points=1e3 * domain.points)), 1e3 * sizes(domain), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", DOMAINS)
+def test_the_local_density_pays_for_the_area_that_the_sizes_around_want(name: str) -> None:
+    for turn in turns(load(name), 6, limit=60, density="local", upsilon=0.8):
+        if turn.chosen is None or turn.episodes.out.terminated[turn.chosen]:
+            continue
+        before, after = turn.before, turn.after
+        quad = after.quads[after.counts[ELEMENTS] - 1]
+        chain = quad[np.isin(quad, before.vid[before.prv >= 0])]
+        cut_area = before.measure[AREA] - after.measure[AREA]
+        expected = -min(1.0, np.log2(cut_area / (0.8 * before.size[chain].mean() ** 2)) ** 2)
+        assert turn.episodes.out.terms[turn.chosen, 2] == pytest.approx(expected, abs=1e-6)
