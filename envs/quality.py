@@ -57,6 +57,35 @@ def eta_from_angles(
     return math.sqrt(q_edge * q_angle)
 
 
+@inlined
+def eta_or_bent(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> float:  # fmt: skip
+    """eta_e in (0, 1] of a strictly convex counter-clockwise quadrilateral, -1 of any other.
+
+    Equal to eta_from_angles, with two inverse tangents in place of four: dot / (|dot| + cross) falls with the angle
+    between two directions, from 1 at 0 to -1 at pi, and tells which corners have the least and the largest one.
+    """
+    abx, aby, bcx, bcy = bx - ax, by - ay, cx - bx, cy - by
+    cdx, cdy, dax, day = dx - cx, dy - cy, ax - dx, ay - dy
+    cross_a, cross_b = dax * aby - day * abx, abx * bcy - aby * bcx
+    cross_c, cross_d = bcx * cdy - bcy * cdx, cdx * day - cdy * dax
+    if min(min(cross_a, cross_b), min(cross_c, cross_d)) <= 0.0:
+        return -1.0
+    dot_a, dot_b = -(dax * abx + day * aby), -(abx * bcx + aby * bcy)
+    dot_c, dot_d = -(bcx * cdx + bcy * cdy), -(cdx * dax + cdy * day)
+    slope_a, slope_b = dot_a / (abs(dot_a) + cross_a), dot_b / (abs(dot_b) + cross_b)
+    slope_c, slope_d = dot_c / (abs(dot_c) + cross_c), dot_d / (abs(dot_d) + cross_d)
+    high = max(max(slope_a, slope_b), max(slope_c, slope_d))
+    low = min(min(slope_a, slope_b), min(slope_c, slope_d))
+    q_angle = math.atan2(1.0 - abs(high), high) / math.atan2(1.0 - abs(low), low)
+    shortest2 = min(
+        min(abx * abx + aby * aby, bcx * bcx + bcy * bcy), min(cdx * cdx + cdy * cdy, dax * dax + day * day)
+    )
+    longest2 = max((cx - ax) ** 2 + (cy - ay) ** 2, (dx - bx) ** 2 + (dy - by) ** 2)
+    return math.sqrt(math.sqrt(2.0 * shortest2 / longest2) * q_angle)
+
+
 @compiled
 def _element_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
     for i in range(len(quads)):
