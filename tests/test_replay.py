@@ -97,7 +97,7 @@ def test_the_page_has_the_mesh_to_a_ten_millionth_of_its_extent(tmp_path: Path, 
     assert data["scale"] == scale(len(data["scale"]))
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.one_of(st.text(), st.sampled_from(["</script><b>", "<!--<script>", "{{data}}", "\u2028\\u003c", '"\\'])))
 def test_no_name_breaks_out_of_the_data(tmp_path: Path, name: str):
     replay.write(holed(), tmp_path / "plain.html")
@@ -248,7 +248,7 @@ def test_hands_on_the_page(tmp_path: Path):
         (key(" ", "false"), {"playing": "false"}),
     ]
     seen = browse(tmp_path / "a.html", steps=[step for step, _ in steps])
-    for (step, expected), entry in zip(steps, seen, strict=False):
+    for (step, expected), entry in zip(steps, seen[:-1], strict=True):
         assert {name: entry[name] for name in expected} == expected, step
 
 
