@@ -22,8 +22,8 @@ from envs.quality import element_quality
 from freemesh_ray import replay
 from freemesh_ray.atomic import OutputError
 from freemesh_ray.colours import scale
-from freemesh_ray.metrics import irregular
 from tests.play import generic, turns
+from tests.test_plots import star
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -58,7 +58,7 @@ def known(path: Path) -> dict[str, Any]:
 
 
 def holed() -> Mesh:
-    """A grid of 7 by 6 elements without two of them; vertex 15 is irregular."""
+    """A grid of 7 by 6 elements without two of them."""
     x, y = np.meshgrid(np.arange(8.0), np.arange(7.0))
     vertices = np.column_stack([x.ravel(), y.ravel()]) + np.random.default_rng(1).uniform(-0.2, 0.2, (56, 2))
     i = (np.arange(6)[:, None] * 8 + np.arange(7)).ravel()
@@ -93,8 +93,14 @@ def test_the_page_has_the_mesh_to_a_ten_millionth_of_its_extent(tmp_path: Path, 
         assert np.reshape(part["segments"], (-1, 2)).tolist() == mesh.segments.tolist()
         eta = np.array(part["eta"]) / data["etaUnit"]
         np.testing.assert_allclose(eta, element_quality(mesh.vertices, quads), rtol=0, atol=0.51e-4)
-        assert sorted(part["few"] + part["many"]) == irregular(mesh).tolist()
     assert data["scale"] == scale(len(data["scale"]))
+
+
+@pytest.mark.parametrize(("n", "few", "many"), [(3, [6], []), (4, [], []), (5, [], [10]), (8, [], [16])])
+def test_irregular_nodes_are_told_by_their_valence(tmp_path: Path, n: int, few: list[int], many: list[int]):
+    replay.write(star(n), tmp_path / "a.html")
+    raw = known(tmp_path / "a.html")["raw"]
+    assert (raw["few"], raw["many"]) == (few, many)
 
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
