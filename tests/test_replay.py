@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from play import generic, turns
+from test_plots import star
 
 from envs.domain import load
 from envs.mesh import Mesh
@@ -22,8 +24,6 @@ from envs.quality import element_quality
 from freemesh_ray import replay
 from freemesh_ray.atomic import OutputError
 from freemesh_ray.colours import scale
-from tests.play import generic, turns
-from tests.test_plots import star
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
