@@ -1,0 +1,131 @@
+"""The picture of a mesh: elements coloured by quality, the boundary in bold, irregular nodes marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure, SubFigure
+
+from envs.mesh import Mesh
+from envs.quality import element_quality
+from freemesh_ray.colours import COLOURS, FEW, FRONT, INK, MANY, QUALITY
+from freemesh_ray.metrics import irregular, measure
+from freemesh_ray.plots.page import WIDTH, page, save
+
+#: Irregular nodes by valence: (lowest, highest) -> marker, colour, label.
+IRREGULAR: dict[tuple[float, float], tuple[str, str, str]] = {
+    (0, 3): ("v", FEW, "valence 3"),
+    (5, np.inf): ("s", MANY, "valence 5 and more"),
+}
+#: How their legend looks.
+LEGEND: dict[str, Any] = {"ncols": 2, "frameon": False, "fontsize": 8, "handletextpad": 0}
+#: Points, width of the boundary's lines in a picture of the full width.
+BOLD = 1.6
+
+
+def draw_mesh(
+    mesh: Mesh, path: str | Path | None = None, title: str | None = None, ax: Axes | None = None
+) -> Figure | SubFigure:
+    """Draw elements coloured by quality, the given boundary in bold, irregular interior nodes marked, figures above.
+
+    Args:
+        mesh: what is not meshed of an incomplete one stays white, and its front is drawn in red.
+        path: PNG or SVG to write; None: none.
+        title: above the mesh; None: the mesh's name.
+        ax: axes to draw in, without colour bar; None: a figure of its own.
+
+    Returns:
+        The figure drawn in.
+
+    Raises:
+        OutputError: the place cannot be written to.
+    """
+    figure: Figure | SubFigure
+    if ax is None:
+        width, height = np.ptp(mesh.vertices, axis=0)
+        figure = page(WIDTH, float(np.clip(WIDTH * 0.86 * height / max(width, 1e-300), 2.0, 10.0)) + 1.0)
+        axes = figure.add_subplot()
+        add_colour_bar(figure, [axes])
+    else:
+        axes, figure = ax, ax.figure
+    draw_panel(mesh, axes, mesh.name if title is None else title)
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, 0.0), **LEGEND)
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def draw_panel(mesh: Mesh, axes: Axes, title: str, width: float = WIDTH) -> None:
+    """Draw a mesh into axes that are ``width`` inches wide, title and figures above.
+
+    Lines and marks get finer as elements get smaller.
+    """
+    fine = float(np.clip(12.0 / np.sqrt(len(mesh.quads) + 1.0) * width / WIDTH, 0.15, 0.7))
+    if len(mesh.quads):
+        elements = PolyCollection(list(mesh.vertices[mesh.quads]), cmap=COLOURS, norm=QUALITY, linewidths=fine)
+        elements.set_array(element_quality(mesh.vertices, mesh.quads))
+        elements.set_edgecolor("white")
+        axes.add_collection(elements)
+    if not mesh.complete:
+        axes.add_collection(LineCollection(list(mesh.vertices[_front(mesh)]), colors=FRONT, linewidths=1.2, zorder=3))
+    bold = BOLD * np.sqrt(width / WIDTH)
+    axes.add_collection(
+        LineCollection(list(mesh.vertices[mesh.segments]), colors=INK, linewidths=bold, capstyle="round", zorder=4)
+    )
+    nodes, valence = irregular(mesh), mesh.valence
+    for (low, high), (marker, colour, label) in IRREGULAR.items():
+        points = mesh.vertices[nodes[(valence[nodes] >= low) & (valence[nodes] <= high)]]
+        if len(points):
+            axes.scatter(
+                points[:, 0], points[:, 1], s=max(50 * fine, 9), marker=marker, color=colour, label=label,
+                edgecolors="white", linewidths=fine / 2, zorder=5,
+            )  # fmt: skip
+    axes.set_aspect("equal", anchor="N")  # the layout leaves room for the title only above the given place
+    axes.set_axis_off()
+    axes.autoscale_view()
+    axes.margins(0.02)
+    axes.set_title(title, color=INK, fontsize=12, fontweight="bold", pad=31)
+    axes.annotate(
+        caption(mesh), (0.5, 1.0), (0, 3), xycoords="axes fraction", textcoords="offset points",
+        ha="center", va="bottom", color=INK if mesh.complete else FRONT, fontsize=9, linespacing=1.35,
+    )  # fmt: skip
+
+
+def add_colour_bar(figure: Figure, panels: Sequence[Axes], rows: int = 1) -> None:
+    """The scale of element quality, beside the panels, which stand in so many rows."""
+    bar = figure.colorbar(
+        ScalarMappable(QUALITY, COLOURS), ax=panels, shrink=0.72, aspect=28 * rows, pad=0.02, panchor=False
+    )
+    bar.set_label("element quality $\\eta$", color=INK)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def caption(mesh: Mesh) -> str:
+    """The figures of a mesh on two lines: how many elements and irregular nodes, complete or not; the quality."""
+    counts = [_counted(len(mesh.quads), "element"), _counted(len(irregular(mesh)), "irregular node")]
+    lines = [" · ".join(counts if mesh.complete else ["INCOMPLETE", *counts])]
+    if len(mesh.quads):
+        figures = measure(mesh)
+        parts = (f"{name} {figures[key]:.3f}" for name, key in (("mean", "eta"), ("p5", "eta_p5"), ("min", "eta_min")))
+        lines.append("$\\eta$ " + " · ".join(parts))
+    return "\n".join(lines)
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
+def _front(mesh: Mesh) -> np.ndarray:
+    """(e, 2) int64: edges that still wait for an element, the given boundary's apart."""
+    edges, counts = mesh.edges
+    given = {tuple(edge) for edge in np.sort(mesh.segments, axis=1).tolist()}
+    waiting = [edge for edge in edges[counts == 1].tolist() if tuple(edge) not in given]
+    return np.array(waiting, dtype=np.int64).reshape(-1, 2)
