@@ -38,7 +38,8 @@ STEP, LAST_STEP = 0.2, 0.003
 HALF_SQRT_3 = 0.5 * math.sqrt(3.0)
 
 # Rows of a star: neighbour, far corner, and what does not change while v moves.
-_RX, _RY, _OX, _OY, _OR2, _SLOPE, _DIAGONAL2, _NEXT_OR2 = range(8)
+_RX, _RY, _OX, _OY, _CROSS, _SLOPE, _OR2, _NEXT_OR2, _DIAGONAL2 = range(9)
+_ROWS = 9
 
 
 @inlined
@@ -49,7 +50,7 @@ def merit(eta: float) -> float:
 
 @inlined
 def gather(mesh: Halfedges, vertex: int, star: Floats) -> int:
-    """Fill the star of an interior vertex, (8, MOST + 1); how many elements it has."""
+    """Fill the star of an interior vertex, (9, MOST + 1); how many elements it has."""
     xy = mesh.xy
     h = mesh.out[vertex]
     k = mesh.degree[vertex]
@@ -63,14 +64,17 @@ def gather(mesh: Halfedges, vertex: int, star: Floats) -> int:
         ux, uy, wx, wy = bx - star[_OX, i], by - star[_OY, i], dx - star[_OX, i], dy - star[_OY, i]
         cross, dot = wx * uy - wy * ux, wx * ux + wy * uy
         star[_OR2, i], star[_NEXT_OR2, i] = ux * ux + uy * uy, wx * wx + wy * wy
-        star[_SLOPE, i] = dot / (abs(dot) + cross) if cross > 0.0 else -2.0
+        star[_CROSS, i], star[_SLOPE, i] = cross, dot / (abs(dot) + abs(cross))
         star[_DIAGONAL2, i] = (dx - bx) ** 2 + (dy - by) ** 2
     return k
 
 
 @inlined
 def rate(star: Floats, k: int, x: float, y: float) -> tuple[float, float]:
-    """Merit of the star's elements, added up, and their least eta, with the vertex at (x, y); -1 where one is bent."""
+    """Merit of the star's elements, added up, and the least eta, with the vertex at (x, y).
+
+    A bent element counts as -1 and less, the more bent the less, so that the search finds the way out.
+    """
     total, least = 0.0, 1.0
     bx, by = star[_RX, 0] - x, star[_RY, 0] - y
     b2 = bx * bx + by * by
@@ -78,21 +82,22 @@ def rate(star: Floats, k: int, x: float, y: float) -> tuple[float, float]:
         dx, dy = star[_RX, i + 1] - x, star[_RY, i + 1] - y
         d2 = dx * dx + dy * dy
         cx, cy = star[_OX, i] - x, star[_OY, i] - y
-        cross_a = bx * dy - by * dx
         bcx, bcy, cdx, cdy = cx - bx, cy - by, dx - cx, dy - cy
-        cross_b, cross_d = bx * bcy - by * bcx, cdy * dx - cdx * dy
-        if cross_a <= 0.0 or cross_b <= 0.0 or cross_d <= 0.0 or star[_SLOPE, i] < -1.5:
-            return -1e30, -1.0
-        dot_a, dot_b, dot_d = bx * dx + by * dy, -(bx * bcx + by * bcy), cdx * dx + cdy * dy
-        slope_a = dot_a / (abs(dot_a) + cross_a)
-        slope_b = dot_b / (abs(dot_b) + cross_b)
-        slope_d = dot_d / (abs(dot_d) + cross_d)
-        high = max(max(slope_a, slope_b), max(star[_SLOPE, i], slope_d))
-        low = min(min(slope_a, slope_b), min(star[_SLOPE, i], slope_d))
-        q_angle = math.atan2(1.0 - abs(high), high) / math.atan2(1.0 - abs(low), low)
-        shortest2 = min(min(b2, d2), min(star[_OR2, i], star[_NEXT_OR2, i]))
+        cross_a, cross_b, cross_d = bx * dy - by * dx, bx * bcy - by * bcx, cdy * dx - cdx * dy
         longest2 = max(cx * cx + cy * cy, star[_DIAGONAL2, i])
-        eta = math.sqrt(math.sqrt(2.0 * shortest2 / longest2) * q_angle)
+        most_bent = min(min(cross_a, cross_b), min(star[_CROSS, i], cross_d))
+        if most_bent <= 0.0:
+            eta = -1.0 + most_bent / longest2
+        else:
+            dot_a, dot_b, dot_d = bx * dx + by * dy, -(bx * bcx + by * bcy), cdx * dx + cdy * dy
+            slope_a = dot_a / (abs(dot_a) + cross_a)
+            slope_b = dot_b / (abs(dot_b) + cross_b)
+            slope_d = dot_d / (abs(dot_d) + cross_d)
+            high = max(max(slope_a, slope_b), max(star[_SLOPE, i], slope_d))
+            low = min(min(slope_a, slope_b), min(star[_SLOPE, i], slope_d))
+            q_angle = math.atan2(1.0 - abs(high), high) / math.atan2(1.0 - abs(low), low)
+            shortest2 = min(min(b2, d2), min(star[_OR2, i], star[_NEXT_OR2, i]))
+            eta = math.sqrt(math.sqrt(2.0 * shortest2 / longest2) * q_angle)
         total += merit(eta)
         least = min(least, eta)
         bx, by, b2 = dx, dy, d2
@@ -121,7 +126,7 @@ def smooth(mesh: Halfedges, chosen: Ints, count: int, sweeps: int, step: Floats,
         count: how many of them.
         sweeps: at most.
         step: (V,) float64, working memory; the step of each vertex, 0 where it rests or may not move.
-        star: (8, MOST + 1) float64, working memory.
+        star: (9, MOST + 1) float64, working memory.
     """
     xy = mesh.xy
     for i in range(count):
@@ -186,4 +191,4 @@ def wake(mesh: Halfedges, vertex: int, step: Floats, moved: float) -> None:
 
 def workspace(mesh: Halfedges) -> tuple[Floats, Floats]:
     """The working memory of ``smooth``: step and star."""
-    return np.zeros(len(mesh.xy)), np.zeros((8, MOST + 1))
+    return np.zeros(len(mesh.xy)), np.zeros((_ROWS, MOST + 1))
