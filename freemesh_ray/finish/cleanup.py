@@ -154,7 +154,9 @@ def split_cost(mesh: Halfedges, search: Search, h: int, k: int) -> float:
     if mesh.opp[other] == NONE:
         return math.inf
     new = (k + 1 - 4.0) ** 2
-    return rise(mesh, v, 1 - k) + rise(mesh, origin(mesh, after(h)), 1) + rise(mesh, origin(mesh, after(other)), 1) + new
+    return (
+        rise(mesh, v, 1 - k) + rise(mesh, origin(mesh, after(h)), 1) + rise(mesh, origin(mesh, after(other)), 1) + new
+    )
 
 
 @inlined
@@ -188,7 +190,9 @@ def list_options(mesh: Halfedges, search: Search, depth: int, total: float, all_
         for _ in range(mesh.degree[v]):
             if off > 0.0 or regular:
                 for side in range(2):
-                    count = offer(search, depth, count, total + swap_cost(mesh, search, spoke, side), _SWAP, spoke, side)
+                    count = offer(
+                        search, depth, count, total + swap_cost(mesh, search, spoke, side), _SWAP, spoke, side
+                    )
                 h = after(spoke)
                 count = offer(search, depth, count, total + collapse_cost(mesh, search, h), _COLLAPSE, h, 0)
                 for k in range(2, mesh.degree[v] - 1):

@@ -234,9 +234,7 @@ def collapse(mesh: Halfedges, h: int) -> int:
     _set_corner(mesh, h & ~3, NONE)
     _join(mesh, ba, cb)
     _join(mesh, dc, ad)
-    if not mesh.fixed[stays]:
-        _set_out(mesh, stays, cb)
-    elif mesh.out[stays] == ab:
+    if not mesh.fixed[stays] or mesh.out[stays] == ab:
         _set_out(mesh, stays, cb)
     elif mesh.out[stays] == cd:
         _set_out(mesh, stays, ad)
