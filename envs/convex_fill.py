@@ -69,22 +69,19 @@ def fill(points: Floats, ring: Ints) -> Fill:
 
 def best_filling(xy: Floats) -> tuple[Floats, Ints]:
     """The filling of a ring whose worst element is best: (n + s, 2) points, the ring's first, and (m, 4) elements."""
-    n = len(xy)
-    triangles, across = triangulate(xy)
-    if len(triangles) < n - 2:
+    n, place = len(xy), tuple(xy[0].tolist())
+    triangulation = triangulate(xy)
+    if triangulation is None:
         raise FillError(
-            f"a ring of {n} vertices round {tuple(xy[0].tolist())} has no triangulation: it crosses or touches itself, "
-            "runs clockwise or is too thin for its coordinates"
+            f"a ring of {n} vertices from {place} on has no triangulation: it meets itself, runs clockwise or is too "
+            "thin for its coordinates; move its vertices apart"
         )
-    if n <= WHOLE:
-        candidates = [by_chords(xy), by_diagonals(xy, triangles, across)]
-    else:
-        candidates = [by_pieces(xy, triangles, across)]
+    candidates = [by_chords(xy) if n <= WHOLE else by_pieces(xy, *triangulation), by_diagonals(xy, *triangulation)]
     fillings = [smoothed(np.concatenate([xy, new]), quads, n) for new, quads in filter(None, candidates)]
     if not fillings:
         raise FillError(
-            f"a ring of {n} vertices round {tuple(xy[0].tolist())} is too thin for its coordinates: no strictly convex "
-            "element fits; move its vertices apart"
+            f"a ring of {n} vertices from {place} on is too thin for its coordinates: no strictly convex element fits; "
+            "move its vertices apart"
         )
     return max(fillings, key=lambda filling: float(fitnesses(*filling).min()))
 
@@ -104,7 +101,9 @@ def by_pieces(xy: Floats, triangles: Ints, across: Ints) -> tuple[Floats, Ints] 
     elements: list[Ints] = []
     for ring in rings:
         here = np.ascontiguousarray(points[ring])
-        filling = by_chords(here) or by_diagonals(here, *triangulate(here))
+        filling = by_chords(here)
+        if filling is None and (triangulation := triangulate(here)):
+            filling = by_diagonals(here, *triangulation)
         if filling is None:
             return None
         new, quads = filling

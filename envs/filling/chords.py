@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from envs.filling.fitness import cost_of
+from envs.filling.fitness import DUBIOUS, cost_of
 from envs.kernels.compiled import compiled, inlined
 from envs.types import Floats, Ints
 
@@ -154,11 +154,11 @@ def by_chords(xy: Floats) -> tuple[Floats, Ints] | None:
 
     Returns:
         (s, 2) float64 new points and (m, 4) int64 quadrilaterals, in which n + i is new point i; None where chords with
-        at most one point have no filling.
+        at most one point have no filling that is worth it.
     """
     n = len(xy)
     cost, chosen = stretches(xy)
-    if not math.isfinite(cost[0, n - 1, 0]):
+    if cost[0, n - 1, 0] > DUBIOUS**-4:
         return None
     points: list[tuple[float, float]] = []
     quads: list[tuple[int, int, int, int]] = []

@@ -38,7 +38,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.filling.fitness import fitnesses
+from envs.filling.fitness import DUBIOUS, fitnesses
 from envs.types import Floats, Ints
 
 #: How a ring of 6 or 8 vertices is cut by chords that hold the vertices of the key, which number the ring from the
@@ -53,7 +53,7 @@ CUTS: dict[tuple[int, ...], tuple[tuple[int, int, int, int], ...]] = {
 }
 
 #: How far a point moves at first, as a share of the way to the opposite corner.
-FIRST_MOVE = 0.25
+FIRST_MOVE = 0.2
 #: Halvings of the move after which it is lost in rounding.
 HALVINGS = 60
 
@@ -90,16 +90,18 @@ def by_diagonals(xy: Floats, triangles: Ints, across: Ints) -> tuple[Floats, Int
             owner += [t] * len(cut)
     quads = np.array(pieces, dtype=np.int64)
     base, move = np.array(sides.base).reshape(-1, 2), np.array(sides.move).reshape(-1, 2)
-    of_triangle, share = np.array(owner), np.full(len(base), FIRST_MOVE)
-    for _ in range(HALVINGS):
-        points = np.concatenate([xy, base + share[:, None] * move])
-        if spokes:
-            points = np.concatenate([points, [points[ends].mean(axis=0) for ends in spokes]])
-        flat = fitnesses(points, quads) == 0.0
-        if not flat.any():
-            return points[n:], quads
-        crowded = np.unique(np.concatenate([sides.points_of(t) for t in np.unique(of_triangle[flat])]))
-        share[crowded - n] *= 0.5
+    of_triangle = np.array(owner)
+    for least in (DUBIOUS, 0.0):
+        share = np.full(len(base), FIRST_MOVE)
+        for _ in range(HALVINGS):
+            points = np.concatenate([xy, base + share[:, None] * move])
+            if spokes:
+                points = np.concatenate([points, [points[ends].mean(axis=0) for ends in spokes]])
+            flat = fitnesses(points, quads) <= least
+            if not flat.any():
+                return points[n:], quads
+            crowded = np.unique(np.concatenate([sides.points_of(t) for t in np.unique(of_triangle[flat])]))
+            share[crowded - n] *= 0.5
     return None
 
 

@@ -15,6 +15,8 @@ from envs.types import Floats, Ints
 WIDEST_FREE = 0.9 * np.pi
 #: What a strictly convex element is worth at least.
 LEAST = 1e-12
+#: Elements worth less may owe their strict convexity to rounding; they are taken where there is nothing better.
+DUBIOUS = 1e-6
 
 
 @inlined

@@ -10,14 +10,21 @@ Vertices are named by their place in the ring, so the two sides of a seam stay a
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from envs.kernels.compiled import compiled, inlined
+from envs.kernels.geometry import distance2_to_segment
 from envs.kernels.orientation import turns_left
 from envs.types import Floats, Ints
 
 #: Share by which a flip has to raise the worse triangle, so that rounding cannot flip for ever.
 GAIN = 1e-6
+
+#: Distance from a diagonal, as a share of its length, within which another vertex as good as lies on it: points on one
+#: line, but for rounding. A ring cut there has parts without area.
+NEAR = 1e-6
 
 
 @inlined
@@ -40,19 +47,27 @@ def same(xy: Floats, i: int, j: int) -> bool:
 
 @inlined
 def ear(xy: Floats, following: Ints, a: int, b: int, c: int) -> float:
-    """The shape of the ear a, b, c; -1 where b is no ear: not convex, or another vertex in or on the triangle."""
+    """What the ear a, b, c is worth: its shape, and next to nothing where it leaves another vertex all but on a - c.
+
+    -1 where b is no ear: not convex, or another vertex in or on the triangle.
+    """
     value = shape(xy, a, b, c)
     if value <= 0.0:
         return -1.0
     ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
+    near2 = NEAR * NEAR * ((cx - ax) ** 2 + (cy - ay) ** 2)
+    closest2 = near2
     d = following[c]
     while d != a:
         x, y = xy[d, 0], xy[d, 1]
-        outside = turns_left(bx, by, ax, ay, x, y) or turns_left(cx, cy, bx, by, x, y) or turns_left(ax, ay, cx, cy, x, y)
-        if not (outside or same(xy, d, a) or same(xy, d, b) or same(xy, d, c)):
-            return -1.0
+        if not (same(xy, d, a) or same(xy, d, b) or same(xy, d, c)):
+            if not (
+                turns_left(bx, by, ax, ay, x, y) or turns_left(cx, cy, bx, by, x, y) or turns_left(ax, ay, cx, cy, x, y)
+            ):
+                return -1.0
+            closest2 = min(closest2, distance2_to_segment(x, y, ax, ay, cx, cy))
         d = following[d]
-    return value
+    return value * math.sqrt(closest2 / near2)
 
 
 @compiled
@@ -129,7 +144,7 @@ def flip(xy: Floats, triangles: Ints, across: Ints) -> None:
                 break
 
 
-def triangulate(xy: Floats) -> tuple[Ints, Ints]:
+def triangulate(xy: Floats) -> tuple[Ints, Ints] | None:
     """Triangles of a weakly simple counter-clockwise ring.
 
     Args:
@@ -137,10 +152,11 @@ def triangulate(xy: Floats) -> tuple[Ints, Ints]:
 
     Returns:
         (n - 2, 3) int64 places in the ring, counter-clockwise, and (n - 2, 3) int64 the triangle across each side,
-        -1 for none. Fewer triangles where rounding leaves no certain ear.
+        -1 for none. None where no ear is certain: the ring is not weakly simple, or too thin for its coordinates.
     """
     triangles = ears(xy)
+    if len(triangles) < len(xy) - 2:
+        return None
     across = neighbours(triangles, len(xy))
-    if len(triangles) == len(xy) - 2:
-        flip(xy, triangles, across)
+    flip(xy, triangles, across)
     return triangles, across
