@@ -1,7 +1,8 @@
 """The mesher's last resort: any even ring, whatever its shape, filled with strictly convex quadrilaterals.
 
-Small rings get the better of two fillings, long ones are first cut into small ones by their own diagonals. That a
-filling exists, and at most 3 (n - 2) elements suffice, is shown in :mod:`envs.filling.diagonals`.
+That a filling exists is shown, and one constructed, in :mod:`envs.filling.diagonals`. Mostly dynamic programming finds
+a better one (:mod:`envs.filling.chords`), for long rings piece by piece (:mod:`envs.filling.partition`). Both are
+smoothed, and the one whose worst element is better is taken.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from envs.filling.triangulation import triangulate
 from envs.types import Floats, Ints
 
 #: Rings up to this length are filled as a whole.
-WHOLE = 16
+WHOLE = 32
 
 
 class FillError(ValueError):
@@ -49,19 +50,18 @@ def fill(points: Floats, ring: Ints) -> Fill:
             more than once where the ring walks a seam. Inner angles lie strictly between 0 and 2 pi.
 
     Returns:
-        At most 3 (n - 2) quadrilaterals and the new points.
+        The filling, of at most 4 (n - 2) quadrilaterals. The same ring always gets the same one.
 
     Raises:
-        FillError: the ring is odd or shorter than 4, walks across itself or clockwise, or is so thin that no strictly
+        FillError: the ring is odd or shorter than 4, crosses itself or runs clockwise, or is so thin that no strictly
             convex element with float64 coordinates fits.
     """
     points, ring = np.asarray(points, dtype=np.float64), np.asarray(ring, dtype=np.int64)
     n = len(ring)
     if n < 4 or n % 2:
         raise FillError(f"a ring of {n} vertices: only even ones from 4 on can be filled; split an edge")
-    whole = np.arange(n).reshape(-1, 4) if n == 4 else None
-    if whole is not None and fitnesses(points[ring], whole)[0] > 0.0:
-        return Fill(points.copy(), ring[whole])
+    if n == 4 and fitnesses(points[ring], np.arange(4)[None])[0] > 0.0:
+        return Fill(points.copy(), ring[None].copy())
     xy, quads = best_filling(np.ascontiguousarray(points[ring]))
     number = np.concatenate([ring, len(points) + np.arange(len(xy) - n)])
     return Fill(np.concatenate([points, xy[n:]]), number[quads])
@@ -95,7 +95,7 @@ def smoothed(points: Floats, quads: Ints, first: int) -> tuple[Floats, Ints]:
 
 
 def by_pieces(xy: Floats, triangles: Ints, across: Ints) -> tuple[Floats, Ints] | None:
-    """Fill a long ring piece by piece; see :func:`envs.filling.diagonals.by_diagonals`."""
+    """Fill a long ring piece by piece; arguments and result as :func:`envs.filling.diagonals.by_diagonals`."""
     n = len(xy)
     points, rings = partition(xy, triangles, across)
     elements: list[Ints] = []

@@ -1,13 +1,13 @@
-r"""A long ring cut into short even ones along diagonals of its triangulation.
+r"""A long ring cut into shorter even ones along diagonals of its triangulation.
 
-Between the ends of a diagonal i - j lie |i - j| edges of the ring. Where that is odd, both sides are even rings as they
-are; elsewhere a point in the middle of the diagonal makes them even:
+Where an odd number of the ring's edges lies on each side of a diagonal, both sides are even rings as they are;
+elsewhere a point in the middle of the diagonal makes them even::
 
-    o---o---o---j---o---o        o---o---o---j---o---o
-    |          |        |        |          |        |
-    |   4      |   4    |        |          m        |
-    |          |        |        |          |        |
-    o---o---o--i----o---o        o----o-----i----o---o
+    o---o---o---o---o---o        o---o---o---o---o---o
+    |       |           |        |        \          |
+    |   6   |     8     |        |    8    m    8    |
+    |       |           |        |          \        |
+    o---o---o---o---o---o        o---o---o---o---o---o
 """
 
 from __future__ import annotations
@@ -16,73 +16,76 @@ import numpy as np
 
 from envs.types import Floats, Ints
 
-#: A piece is cut off as soon as it has this many triangles, where no new point is needed; later where one is.
-EVEN_PIECE = 6
-ODD_PIECE = 9
+#: A piece is cut off as soon as it has this many triangles where no new point is needed, and later where one is.
+EVEN_PIECE = 12
+ODD_PIECE = 16
 
 
 def partition(xy: Floats, triangles: Ints, across: Ints) -> tuple[Floats, list[Ints]]:
-    """Cut a ring into pieces of about ten vertices.
+    """Cut a ring into pieces of about 14 to 36 vertices.
 
     Args:
         xy: (n, 2) float64, n even.
-        triangles: (n - 2, 3) int64 places in the ring.
-        across: (n - 2, 3) int64 the triangle across each side.
+        triangles: (n - 2, 3) int64 places in the ring, counter-clockwise.
+        across: (n - 2, 3) int64 the triangle across the side from corner k to corner k + 1, -1 for none.
 
     Returns:
-        (n + s, 2) float64 points, the ring's first, and the pieces, each (k,) int64 indices into them, k even.
+        (n + s, 2) float64 points, the ring's first, s <= n / 15, and the pieces, each (k,) int64 indices into the
+        points, k even, counter-clockwise.
     """
     order, parent = dual_tree(across)
-    weight = np.ones(len(triangles), dtype=np.int64)
-    piece = np.full(len(triangles), -1, dtype=np.int64)
-    # Diagonals that are cut, as directed edges of a triangle, with the point between them, -1 for none.
-    cuts: dict[tuple[int, int], int] = {}
+    cuts: dict[tuple[int, int], int | None] = {}
     middles: list[Floats] = []
+    weight = np.ones(len(triangles), dtype=np.int64)
     for t in reversed(order[1:]):
-        even = weight[t] % 2 == 0
-        k = across[t].tolist().index(parent[t])
-        a, b = int(triangles[t, k]), int(triangles[t, (k + 1) % 3])
-        if weight[t] >= (EVEN_PIECE if even else ODD_PIECE):
-            middle = -1
-            if not even:
-                middle = len(xy) + len(middles)
-                middles.append(xy[a] + 0.5 * (xy[b] - xy[a]))
-                weight[parent[t]] += 1
-            cuts[a, b] = cuts[b, a] = middle
-        else:
-            weight[parent[t]] += weight[t]
+        above, even = parent[t], weight[t] % 2 == 0
+        if weight[t] < (EVEN_PIECE if even else ODD_PIECE):
+            weight[above] += weight[t]
+            continue
+        a, b = np.roll(triangles[t], -across[t].tolist().index(above))[:2].tolist()
+        cuts[a, b] = cuts[b, a] = None if even else len(xy) + len(middles)
+        if not even:
+            middles.append(xy[a] + 0.5 * (xy[b] - xy[a]))
+            weight[above] += 1
+    return np.concatenate([xy, np.reshape(middles, (-1, 2))]), pieces(triangles, across, order, parent, cuts)
+
+
+def pieces(
+    triangles: Ints, across: Ints, order: list[int], parent: list[int], cuts: dict[tuple[int, int], int | None]
+) -> list[Ints]:
+    """The rings around the parts of the tree between cuts, given by their directed edges and the points on them."""
+    part: dict[int, int] = {}
     ahead: list[dict[int, int]] = []
     for t in order:
         corners = triangles[t].tolist()
-        for k in range(3):
-            u, edge = across[t, k], (corners[k], corners[(k + 1) % 3])
-            if u >= 0 and u == parent[t]:
-                piece[t] = len(ahead) if edge in cuts else piece[u]
-        if piece[t] < 0:
-            piece[t] = 0
-        if piece[t] == len(ahead):
+        edges = list(zip(corners, corners[1:] + corners[:1], across[t].tolist(), strict=True))
+        if parent[t] < 0 or any(u == parent[t] and (a, b) in cuts for a, b, u in edges):
+            part[t] = len(ahead)
             ahead.append({})
-        for k in range(3):
-            edge = (corners[k], corners[(k + 1) % 3])
-            middle = cuts.get(edge, -1)
-            if middle >= 0:
-                ahead[piece[t]] |= {edge[0]: middle, middle: edge[1]}
-            elif across[t, k] < 0 or edge in cuts:
-                ahead[piece[t]][edge[0]] = edge[1]
-    return np.concatenate([xy, np.array(middles).reshape(-1, 2)]), [walk(step) for step in ahead]
+        else:
+            part[t] = part[parent[t]]
+        step = ahead[part[t]]
+        for a, b, u in edges:
+            if u < 0 or (a, b) in cuts:
+                middle = cuts.get((a, b))
+                step[a] = b if middle is None else middle
+                if middle is not None:
+                    step[middle] = b
+    return [walk(step) for step in ahead]
 
 
 def walk(step: dict[int, int]) -> Ints:
-    """The closed walk that takes each vertex to the next."""
+    """The closed walk that takes each vertex to the next; (k,) int64."""
     ring = [next(iter(step))]
     while (following := step[ring[-1]]) != ring[0]:
         ring.append(following)
     return np.array(ring, dtype=np.int64)
 
 
-def dual_tree(across: Ints) -> tuple[list[int], Ints]:
+def dual_tree(across: Ints) -> tuple[list[int], list[int]]:
     """Triangles in an order in which each comes after its parent, and each one's parent, -1 for the first."""
-    order, parent = [0], np.full(len(across), -1, dtype=np.int64)
+    order, parent = [0], [-1] * len(across)
+    # The list grows while it is walked.
     for t in order:
         for u in across[t].tolist():
             if u >= 0 and u != parent[t]:

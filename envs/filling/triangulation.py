@@ -34,9 +34,7 @@ def shape(xy: Floats, a: int, b: int, c: int) -> float:
     if not turns_left(ax, ay, bx, by, cx, cy):
         return -1.0
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    return area / (
-        (bx - ax) ** 2 + (by - ay) ** 2 + (cx - bx) ** 2 + (cy - by) ** 2 + (ax - cx) ** 2 + (ay - cy) ** 2
-    )
+    return area / ((bx - ax) ** 2 + (by - ay) ** 2 + (cx - bx) ** 2 + (cy - by) ** 2 + (ax - cx) ** 2 + (ay - cy) ** 2)
 
 
 @inlined

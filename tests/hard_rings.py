@@ -122,10 +122,10 @@ def plate(rng: np.random.Generator, size: int) -> Ring:
     """A plate with one to four holes, joined by seams."""
     holes = int(rng.integers(1, 5))
     count = even(rng, 4, max(4, size // 2))
-    outer = polar(rng.uniform(3.4, 6.0, count), 2 * np.pi * (np.arange(count) + rng.uniform(0.1, 0.9, count) * 0.8) / count)
-    outer = outer if shapely.Polygon(outer).contains(shapely.box(-2.0, -2.0, 2.0, 2.0)) else 2.0 * np.array(
-        [(-1.2, -1.2), (1.2, -1.2), (1.2, 1.2), (-1.2, 1.2)]
-    )  # fmt: skip
+    angle = 2 * np.pi * (np.arange(count) + rng.uniform(0.1, 0.8, count)) / count
+    outer = polar(rng.uniform(3.4, 6.0, count), angle)
+    if not shapely.Polygon(outer).contains(shapely.box(-2.0, -2.0, 2.0, 2.0)):
+        outer = np.array([(-2.4, -2.4), (2.4, -2.4), (2.4, 2.4), (-2.4, 2.4)])
     corners = [
         polar(rng.uniform(0.1, 0.9, k), 2 * np.pi * np.arange(k) / k) + centre
         for k, centre in zip(rng.integers(3, 7, holes), [(-1, -1), (1, 1), (-1, 1), (1, -1)], strict=False)
