@@ -78,20 +78,25 @@ def best_filling(xy: Floats) -> tuple[Floats, Ints]:
         )
     candidates = [by_chords(xy) if n <= WHOLE else by_pieces(xy, *triangulation), by_diagonals(xy, *triangulation)]
     fillings = [smoothed(np.concatenate([xy, new]), quads, n) for new, quads in filter(None, candidates)]
-    if not fillings:
+    best = max(fillings, key=worst, default=None)
+    if best is None or worst(best) == 0.0:
         raise FillError(
             f"a ring of {n} vertices from {place} on is too thin for its coordinates: no strictly convex element fits; "
             "move its vertices apart"
         )
-    return max(fillings, key=lambda filling: float(fitnesses(*filling).min()))
+    return best
+
+
+def worst(filling: tuple[Floats, Ints]) -> float:
+    """The least fitness of a filling's elements; 0 when not all are certainly strictly convex."""
+    return float(fitnesses(*filling).min())
 
 
 def smoothed(points: Floats, quads: Ints, first: int) -> tuple[Floats, Ints]:
     """The filling with its points from ``first`` on moved, unless that makes the worst element worse."""
     moved = points.copy()
     smooth(moved, quads, first, *stars_of(quads, len(points)))
-    better = fitnesses(moved, quads).min() > fitnesses(points, quads).min()
-    return (moved if better else points), quads
+    return max((points, quads), (moved, quads), key=worst)
 
 
 def by_pieces(xy: Floats, triangles: Ints, across: Ints) -> tuple[Floats, Ints] | None:

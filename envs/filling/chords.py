@@ -81,70 +81,73 @@ def inside(block: Floats) -> None:
 
 
 @compiled
-def stretches(xy: Floats) -> tuple[Floats, Ints]:
-    """Costs of all stretches, and the block next to each one's chord.
+def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints) -> float:
+    """The least cost of filling the stretch i .. j with the chord's point at place ``own``.
 
     Args:
-        xy: (n, 2) float64, n even.
+        xy: (n, 2) float64.
+        cost: (n, n, PLACES) float64, known for all shorter stretches.
+        i, j, own: the chord and its place, 0 for a chord without a point.
+        chosen: (13,) int64, receives the block next to the chord: [corners, way, corner (6), place of the point on the
+            side from each corner to the next (5)].
+    """
+    corner, place, size, option = np.zeros((4, 7), dtype=np.int64)
+    part, block = np.zeros(7), np.empty((7, 2))
+    closing = 1 if (j - i) % 2 == 0 else 0
+    best = math.inf
+    corner[0], size[0], block[0] = i, 1, xy[i]
+    # Corners are chosen one after the other; option[depth] runs over the next corner and the place on the side to it.
+    depth, option[1] = 1, PLACES * (i + 1)
+    while depth > 0:
+        a, b, s = corner[depth - 1], option[depth] // PLACES, option[depth] % PLACES
+        if b > j:
+            depth -= 1
+            continue
+        option[depth] += 1
+        pointed = (b - a) % 2 == 0
+        grown = size[depth - 1] + (2 if pointed else 1)
+        vertices = grown + closing
+        total = part[depth - 1] + cost[a, b, s]
+        if vertices > (6 if b == j else 5) or (depth == 1 and b == j) or total >= best:
+            continue
+        if pointed:
+            block[grown - 2, 0], block[grown - 2, 1] = chord_point(xy, a, b, s)
+        corner[depth], place[depth - 1], block[grown - 1] = b, s, xy[b]
+        if b < j:
+            size[depth], part[depth] = grown, total
+            depth += 1
+            option[depth] = PLACES * (b + 1)
+            continue
+        if closing:
+            block[grown, 0], block[grown, 1] = chord_point(xy, i, j, own)
+        added, way = block_cost(block, vertices)
+        if total + added < best:
+            best = total + added
+            chosen[0], chosen[1] = depth + 1, way
+            chosen[2 : 3 + depth] = corner[: depth + 1]
+            chosen[8 : 8 + depth] = place[:depth]
+    return best
+
+
+@compiled
+def stretches(xy: Floats) -> tuple[Floats, Ints]:
+    """Costs of all stretches of an (n, 2) ring, and the block next to each one's chord.
 
     Returns:
         cost: (n, n, PLACES) float64 by chord (i < j) and place, infinite where there is no filling; chords without
             a point have place 0 only.
-        chosen: (n, n, PLACES, 13) int64, the block next to each chord: [corners, way, corner (6), place of the
-            point on the side from each corner to the next (5)].
+        chosen: (n, n, PLACES, 13) int64; see :func:`best_block`.
     """
     n = len(xy)
     cost = np.full((n, n, PLACES), math.inf)
     chosen = np.zeros((n, n, PLACES, 13), dtype=np.int64)
-    corner, place, size, option = np.zeros((4, 7), dtype=np.int64)
-    part = np.zeros(7)
-    block = np.empty((7, 2))
     for i in range(n - 1):
         cost[i, i + 1, 0] = 0.0
     for span in range(2, n):
         for i in range(n - span):
             j = i + span
             for own in range(PLACES if span % 2 == 0 else 1):
-                best = math.inf
-                closing = 2 if span % 2 == 0 else 1
-                corner[0] = i
-                block[0] = xy[i]
-                size[0], part[0] = 1, 0.0
-                depth, option[1] = 1, PLACES * (i + 1)
-                # Corners are chosen one after the other; option[depth] runs over the next one and its side's place.
-                while depth > 0:
-                    b, s = option[depth] // PLACES, option[depth] % PLACES
-                    if b > j:
-                        depth -= 1
-                        continue
-                    option[depth] += 1
-                    a = corner[depth - 1]
-                    pointed = (b - a) % 2 == 0
-                    grown = size[depth - 1] + (2 if pointed else 1)
-                    # ``grown`` counts the vertices up to corner b; the chord's own point may come on top.
-                    vertices = grown + closing - 1
-                    total = part[depth - 1] + cost[a, b, s]
-                    if vertices > (6 if b == j else 5) or (depth == 1 and b == j) or total >= best:
-                        continue
-                    if pointed:
-                        block[grown - 2, 0], block[grown - 2, 1] = chord_point(xy, a, b, s)
-                    block[grown - 1] = xy[b]
-                    corner[depth], place[depth - 1] = b, s
-                    if b < j:
-                        size[depth], part[depth] = grown, total
-                        depth += 1
-                        option[depth] = PLACES * (b + 1)
-                        continue
-                    if closing == 2:
-                        block[vertices - 1, 0], block[vertices - 1, 1] = chord_point(xy, i, j, own)
-                    added, way = block_cost(block, vertices)
-                    if total + added < best:
-                        best = total + added
-                        row = chosen[i, j, own]
-                        row[0], row[1] = depth + 1, way
-                        row[2 : 3 + depth] = corner[: depth + 1]
-                        row[8 : 8 + depth] = place[:depth]
-                cost[i, j, own] = best
+                cost[i, j, own] = best_block(xy, cost, i, j, own, chosen[i, j, own])
     return cost, chosen
 
 

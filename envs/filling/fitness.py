@@ -38,7 +38,7 @@ def fitness(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
     return max(LEAST, eta * min(1.0, left))
 
 
-@inlined
+@compiled
 def fitness_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
     """:func:`fitness` of the quadrilateral of four of the points."""
     return fitness(
@@ -47,7 +47,7 @@ def fitness_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
     )  # fmt: skip
 
 
-@inlined
+@compiled
 def cost_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
     """What a quadrilateral adds to a filling's cost: fitness^-4, >= 1; infinite unless certainly strictly convex.
 
