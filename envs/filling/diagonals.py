@@ -15,7 +15,7 @@ one. Beyond the diagonals of a triangle lie n - 3 triangles, an odd number, so o
           /   \                  /   o                   o   o                   /   \
          /     m                m . . \                 / . . \                 m     m
         /       \              / .     o               o  . .  o               / .   . \
-       /         \            / .       \             /  .   .  \             /    c    \
+       /         \            / .       \             /    .    \             /    c    \
       o-----------o          o-----------o           o-----m-----o           o-----m-----o
 
 A triangle with its points is a ring of 4, 6 or 8 vertices. Cut it by chords between them (``CUTS``), or by spokes to
