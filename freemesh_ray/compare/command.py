@@ -77,8 +77,10 @@ def run(options: argparse.Namespace) -> int:
     domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]
-    peers = meshers.peers(options.peers, note)
-    done = compare(domains, [*own, *peers, *files], folder, lambda row: note(report.line(row)))
+    columns = [*own, *meshers.peers(options.peers, note), *files]
+    if not columns:
+        raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
+    done = compare(domains, columns, folder, lambda row: note(report.line(row)))
     print(report.text([row for entry in done for row in entry.rows]), end="")
     return 0
 

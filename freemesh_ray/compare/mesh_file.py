@@ -9,7 +9,8 @@ from pathlib import Path
 import meshio
 import numpy as np
 
-from envs.types import Domain
+from envs.types import Domain, Floats, Ints
+from freemesh_ray.compare.abaqus_file import read_abaqus
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 
@@ -95,24 +96,30 @@ def read(path: Path) -> MixedMesh:
     """
     if not path.is_file():
         raise MeshFileError(f"{path}: no such mesh file; check the path")
-    try:
-        found = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio leaves the program where no reader fits
-        reason = str(error).splitlines()[0] if not isinstance(error, SystemExit) and str(error) else "unknown format"
-        raise MeshFileError(f"{path}: meshio cannot read it ({reason}); write .inp, .msh or .vtu") from error
-    points = np.asarray(found.points, dtype=np.float64)
+    points, quads, triangles = parts(path)
     size = np.ptp(points, axis=0) if len(points) else np.zeros(2)
     if len(size) > 2 and size[2] > 1e-6 * np.linalg.norm(size):
         raise MeshFileError(f"{path}: not in one plane z = constant; turn it into the plane first")
-    quads = [block.data[:, :4] for block in found.cells if block.type in QUADS]
-    triangles = [block.data[:, :3] for block in found.cells if block.type in TRIANGLES]
     try:
-        return assembled(
-            path.stem,
-            points[:, :2],
-            np.concatenate([np.empty((0, 4), np.int64), *quads]),
-            np.concatenate([np.empty((0, 3), np.int64), *triangles]),
-            float("nan"),
-        )
+        return assembled(path.stem, points[:, :2], quads, triangles, float("nan"))
     except PeerError:
         raise MeshFileError(f"{path}: holds no quadrilaterals or triangles; export the surface mesh") from None
+
+
+def parts(path: Path) -> tuple[Floats, Ints, Ints]:
+    """A file's points (n, 2 or 3), quadrilaterals (m, 4) and triangles (t, 3).
+
+    Raises:
+        MeshFileError: not a mesh.
+    """
+    try:
+        if path.suffix.lower() == ".inp":
+            return read_abaqus(path)
+        found = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio leaves the program where no reader fits
+        reason = str(error).splitlines()[0] if not isinstance(error, SystemExit) and str(error) else "unknown format"
+        raise MeshFileError(f"{path}: cannot be read ({reason}); write .inp, .msh or .vtu") from error
+    quads = [np.empty((0, 4)), *(block.data[:, :4] for block in found.cells if block.type in QUADS)]
+    triangles = [np.empty((0, 3)), *(block.data[:, :3] for block in found.cells if block.type in TRIANGLES)]
+    points = np.asarray(found.points, dtype=np.float64)
+    return points, np.concatenate(quads).astype(np.int64), np.concatenate(triangles).astype(np.int64)

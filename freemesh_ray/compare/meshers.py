@@ -9,6 +9,7 @@ from importlib import import_module
 
 from envs.types import Domain
 from freemesh_ray.compare.gmsh_mesher import VARIANTS, gmsh_mesh
+from freemesh_ray.compare.isolated import isolated
 from freemesh_ray.compare.mixed_mesh import MixedMesh, of_mesh
 from freemesh_ray.compare.netgen_mesher import netgen_mesh
 from freemesh_ray.compare.our_mesher import Make
@@ -33,6 +34,8 @@ OURS, RAW = "freemesh", "freemesh raw"
 #: Peers by name: what has to be installed, and the call.
 PEERS: dict[str, tuple[str, Callable[[Domain], MixedMesh]]] = {
     **{name: ("gmsh", partial(gmsh_mesh, name=name)) for name in VARIANTS},
+    # Its optimisation writes where it should not on some domains: it would take this process down now or later.
+    "gmsh-quasi": ("gmsh", partial(isolated, gmsh_mesh, name="gmsh-quasi")),
     "netgen": ("netgen.geom2d", netgen_mesh),
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,8 +25,8 @@ class MixedMesh:
     Attributes:
         mesher: what tables and pictures call its maker.
         vertices: (n, 2) float64, all of them used.
-        quads: (m, 4) int64 indices into ``vertices``, counter-clockwise.
-        triangles: (t, 3) int64, counter-clockwise.
+        quads: (m, 4) int64 indices into ``vertices``, counter-clockwise but for inverted ones.
+        triangles: (t, 3) int64, likewise.
         seconds: wall time of the meshing alone; NaN when unknown.
     """
 
@@ -42,8 +43,7 @@ class MixedMesh:
     @cached_property
     def edges(self) -> tuple[Ints, Ints]:
         """Distinct undirected edges (e, 2) int64, and how many elements use each, (e,) int64."""
-        sides = [np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1) for corners in (self.quads, self.triangles)]
-        pairs = np.concatenate([side.reshape(-1, 2) for side in sides])
+        pairs = np.concatenate([sides(self.quads), sides(self.triangles)])
         return np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
 
     @property
@@ -85,14 +85,32 @@ def assembled(mesher: str, vertices: ArrayLike, quads: ArrayLike, triangles: Arr
     used, number = np.unique(np.concatenate([four.ravel(), three.ravel()]), return_inverse=True)
     four, three = number[: four.size].reshape(-1, 4), number[four.size :].reshape(-1, 3)
     points = points[used]
-    return MixedMesh(mesher, points, counterclockwise(points, four), counterclockwise(points, three), seconds)
+    four, three = counterclockwise(points, [four, three])
+    return MixedMesh(mesher, points, four, three, seconds)
 
 
-def counterclockwise(points: Floats, elements: Ints) -> Ints:
-    """The (m, k) elements, those of negative area with their corners in reverse."""
-    x, y = np.moveaxis(points[elements], -1, 0)
-    area = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
-    return np.where((area < 0)[:, None], elements[:, ::-1], elements)
+def counterclockwise(points: Floats, blocks: Sequence[Ints]) -> list[Ints]:
+    """Blocks of elements, (m, k) each, counter-clockwise.
+
+    Where all elements turn alike they are turned together, so that an inverted one is still told from the others;
+    else each by itself.
+    """
+    areas = []
+    for elements in blocks:
+        x, y = np.moveaxis(points[elements], -1, 0)
+        areas.append((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1))
+    walked = np.concatenate([sides(elements) for elements in blocks])
+    if len(np.unique(walked, axis=0)) == len(walked):  # no side is walked twice in one direction
+        total = sum(float(area.sum()) for area in areas)
+        areas = [np.full(len(area), total) for area in areas]
+    return [
+        np.where((area < 0)[:, None], elements[:, ::-1], elements) for area, elements in zip(areas, blocks, strict=True)
+    ]
+
+
+def sides(elements: Ints) -> Ints:
+    """(m k, 2): the sides of (m, k) elements, as they are walked."""
+    return np.stack([elements, np.roll(elements, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
 def of_mesh(mesh: Mesh, mesher: str, seconds: float) -> MixedMesh:
