@@ -17,6 +17,7 @@ EPILOG = """\
 examples:
   freemesh compare D7 D8 D9 --out comparison
   freemesh compare part:1 part:2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
+  freemesh compare part:{1..100} --peers gmsh-8 --out parts --no-pictures
   freemesh compare D7 --mesh pave=d7.inp --policy none
 
 peers:
@@ -50,6 +51,7 @@ def grammar(commands: Any) -> None:
     )
     compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part:SEED")
     compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, comparison.csv and pictures are written")
+    compare.add_argument("--no-pictures", dest="pictures", action="store_false", help="tables alone")
     compare.add_argument("--peers", type=peer_names, default=list(NAMES), metavar="NAMES",
                          help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
     compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
@@ -80,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     columns = [*own, *meshers.peers(options.peers, note), *files]
     if not columns:
         raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
-    done = compare(domains, columns, folder, lambda row: note(report.line(row)))
+    done = compare(domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures)
     print(report.text([row for entry in done for row in entry.rows]), end="")
     return 0
 

@@ -32,9 +32,14 @@ class Compared:
 
 
 def compare(
-    domains: Sequence[Domain], meshers: Sequence[Mesher], folder: Path | None, report_row: Callable[[Row], None]
+    domains: Sequence[Domain],
+    meshers: Sequence[Mesher],
+    folder: Path | None,
+    report_row: Callable[[Row], None],
+    *,
+    drawn: bool = True,
 ) -> list[Compared]:
-    """Run all meshers on all domains; tables and pictures of what is finished are in ``folder`` at any time.
+    """Run all meshers on all domains; an interrupt leaves the tables and pictures of what is finished.
 
     Args:
         domains: what to mesh.
@@ -42,6 +47,7 @@ def compare(
         folder: where ``comparison.md``, ``comparison.csv``, a picture for each domain and ``boxes.png`` are written;
             None: nowhere.
         report_row: called with each row as it is finished.
+        drawn: whether there are pictures.
 
     Raises:
         DomainError: two domains have one name.
@@ -49,20 +55,25 @@ def compare(
     """
     check_names(domains)
     done: list[Compared] = []
-    for domain in domains:
-        compared = Compared(domain, [], [])
-        done.append(compared)
-        for mesher in meshers:
-            for row, mesh in rows(mesher, domain):
-                compared.rows.append(row)
-                if mesh is not None:
-                    compared.meshes.append(mesh)
-                report_row(row)
+    try:
+        for domain in domains:
+            compared = Compared(domain, [], [])
+            done.append(compared)
+            for mesher in meshers:
+                for row, mesh in rows(mesher, domain):
+                    compared.rows.append(row)
+                    if mesh is not None:
+                        compared.meshes.append(mesh)
+                    report_row(row)
             if folder is not None:
                 report.write(folder, [row for entry in done for row in entry.rows])
-        if folder is not None and compared.meshes:
-            pictures.draw_meshes(compared.meshes, domain, folder / f"{file_name(domain.name)}.png")
-            pictures.draw_boxes(pictures.boxes([entry.meshes for entry in done]), folder / "boxes.png")
+            if folder is not None and drawn and compared.meshes:
+                pictures.draw_meshes(compared.meshes, domain, folder / f"{file_name(domain.name)}.png")
+    finally:
+        if folder is not None and any(entry.rows for entry in done):
+            report.write(folder, [row for entry in done for row in entry.rows])
+            if drawn and any(entry.meshes for entry in done):
+                pictures.draw_boxes(pictures.boxes([entry.meshes for entry in done]), folder / "boxes.png")
     return done
 
 

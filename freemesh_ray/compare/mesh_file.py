@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
+from io import StringIO
 from pathlib import Path
 
 import meshio
@@ -115,7 +117,8 @@ def parts(path: Path) -> tuple[Floats, Ints, Ints]:
     try:
         if path.suffix.lower() == ".inp":
             return read_abaqus(path)
-        found = meshio.read(path)
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints what it raises
+            found = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio leaves the program where no reader fits
         reason = str(error).splitlines()[0] if not isinstance(error, SystemExit) and str(error) else "unknown format"
         raise MeshFileError(f"{path}: cannot be read ({reason}); write .inp, .msh or .vtu") from error
