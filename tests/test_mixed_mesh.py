@@ -43,7 +43,7 @@ def test_elements_are_turned_and_vertices_without_use_dropped(flips: list[bool],
 
 
 def test_no_elements_are_a_failure() -> None:
-    with pytest.raises(PeerError, match="x: made no elements"):
+    with pytest.raises(PeerError, match="made no elements"):
         assembled("x", VERTICES, [], [], 0.0)
 
 

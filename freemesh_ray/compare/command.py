@@ -24,7 +24,7 @@ peers:
   gmsh-default     Frontal-Delaunay triangles, recombined by Blossom
   gmsh-8           Frontal-Delaunay for quads, recombined by Blossom, nodes relocated
   gmsh-full-quad   Blossom full-quad on pairs of boundary segments, which it halves again
-  gmsh-quasi       gmsh-8's mesh after the quasi-structured optimisation
+  gmsh-quasi       Frontal-Delaunay for quads, Blossom, then the quasi-structured optimisation
   netgen           Netgen, quad-dominated
 
 They need `pip install gmsh netgen-mesher`. Ctrl-C leaves what is finished in the folder.

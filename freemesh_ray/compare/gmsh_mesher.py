@@ -77,7 +77,7 @@ def gmsh_mesh(domain: Domain, name: str) -> MixedMesh:
         except PeerError:
             raise
         except Exception as error:  # Gmsh has no type of its own
-            raise PeerError(f"{name}: {str(error).strip() or 'failed without a message'}") from error
+            raise PeerError(str(error).strip() or "failed without a message") from error
 
 
 @contextmanager

@@ -25,4 +25,4 @@ def isolated(mesh: Callable[[Domain, str], MixedMesh], domain: Domain, name: str
         try:
             return pool.submit(mesh, domain, name).result()
         except BrokenProcessPool:
-            raise PeerError(f"{name}: crashed") from None
+            raise PeerError("crashed") from None

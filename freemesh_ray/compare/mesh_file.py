@@ -58,7 +58,7 @@ def files(texts: Sequence[str], domains: Sequence[Domain]) -> list[Mesher]:
     def mesher(label: str, meshes: dict[str, MixedMesh]) -> Mesher:
         def run(domain: Domain) -> list[MixedMesh]:
             if domain.name not in meshes:
-                raise PeerError(f"{label}: no file given for {domain.name}")
+                raise PeerError(f"no file given for {domain.name}")
             return [meshes[domain.name]]
 
         return Mesher(label, run)

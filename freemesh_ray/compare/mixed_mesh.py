@@ -81,7 +81,7 @@ def assembled(mesher: str, vertices: ArrayLike, quads: ArrayLike, triangles: Arr
     four = np.asarray(quads, dtype=np.int64).reshape(-1, 4)
     three = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     if not len(four) + len(three):
-        raise PeerError(f"{mesher}: made no elements")
+        raise PeerError("made no elements")
     used, number = np.unique(np.concatenate([four.ravel(), three.ravel()]), return_inverse=True)
     four, three = number[: four.size].reshape(-1, 4), number[four.size :].reshape(-1, 3)
     points = points[used]

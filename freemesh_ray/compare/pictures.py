@@ -123,7 +123,7 @@ def boxes(meshes: Sequence[Sequence[MixedMesh]]) -> dict[str, dict[str, Floats]]
 def draw_boxes(groups: Boxes, path: Path) -> None:
     """Draw one panel a metric, one box a mesher: quartiles, median, whiskers to 1.5 times the box, outliers, mean.
 
-    Values beyond a panel's scale, as of inverted elements, are counted in its corner.
+    Values beyond a panel's scale, as of inverted elements, are counted in its title.
     """
     figure = Figure(figsize=(15.0, 7.6), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
@@ -139,12 +139,12 @@ def draw_boxes(groups: Boxes, path: Path) -> None:
             box.set_facecolor(CURVES[i % len(CURVES)])
             box.set_alpha(0.65)
         axes.set_xticks(range(1, len(names) + 1), names, rotation=30, ha="right", fontsize=8)
-        axes.set_title(title, color=INK, fontsize=11)
         if highest is not None:
             axes.set_ylim(-0.02 * highest, 1.02 * highest)
             values = np.concatenate(list(groups[key].values()))
-            if beyond := int(((values < 0.0) | (values > highest) | np.isnan(values)).sum()):
-                axes.text(0.98, 0.98, f"{beyond} beyond", transform=axes.transAxes, ha="right", va="top", fontsize=8)
+            if beyond := int((~((values >= 0.0) & (values <= highest))).sum()):
+                title += f", {beyond} beyond"
+        axes.set_title(title, color=INK, fontsize=11)
         axes.grid(axis="y", color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
