@@ -32,9 +32,8 @@ def covered(mesh: MixedMesh) -> float:
 @pytest.mark.parametrize("domain", [load("T1"), load("D9"), load("part:9")], ids=lambda domain: domain.name)
 @pytest.mark.parametrize("name", ["gmsh-default", "gmsh-8", "gmsh-quasi", "netgen"])
 def test_peers_fill_the_domain_and_keep_its_boundary(name: str, domain: Domain) -> None:
-    package, mesh = PEERS[name]
-    pytest.importorskip(package)
-    made = mesh(domain)
+    pytest.importorskip(PEERS[name].module)
+    made = PEERS[name].mesh(domain)
     assert made.mesher == name
     assert made.keeps(domain)
     assert covered(made) == pytest.approx(domain.area, rel=1e-9)

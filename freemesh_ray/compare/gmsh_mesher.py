@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ class Variant:
 
     options: Mapping[str, float]
     afterwards: tuple[str, int] = ("", 0)
-    paired: bool = field(default=False)
+    paired: bool = False
 
 
 FRONTAL, FRONTAL_QUADS = {"Mesh.Algorithm": 6.0}, {"Mesh.Algorithm": 8.0}

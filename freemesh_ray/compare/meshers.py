@@ -31,12 +31,28 @@ class Mesher:
 #: Our mesher's name, and that of its meshes before anything follows the policy.
 OURS, RAW = "freemesh", "freemesh raw"
 
-#: Peers by name: what has to be installed, and the call.
-PEERS: dict[str, tuple[str, Callable[[Domain], MixedMesh]]] = {
-    **{name: ("gmsh", partial(gmsh_mesh, name=name)) for name in VARIANTS},
-    # Its optimisation writes where it should not on some domains: it would take this process down now or later.
-    "gmsh-quasi": ("gmsh", partial(isolated, gmsh_mesh, name="gmsh-quasi")),
-    "netgen": ("netgen.geom2d", netgen_mesh),
+
+@dataclass(frozen=True)
+class Peer:
+    """A mesher of another's.
+
+    Attributes:
+        module: what has to be there to import.
+        package: what installs it.
+        mesh: the call.
+    """
+
+    module: str
+    package: str
+    mesh: Callable[[Domain], MixedMesh]
+
+
+#: Peers by name.
+PEERS: dict[str, Peer] = {
+    **{name: Peer("gmsh", "gmsh", partial(gmsh_mesh, name=name)) for name in VARIANTS},
+    # It now and then crashes, itself or a later call of Gmsh in its process.
+    "gmsh-quasi": Peer("gmsh", "gmsh", partial(isolated, gmsh_mesh, name="gmsh-quasi")),
+    "netgen": Peer("netgen.geom2d", "netgen-mesher", netgen_mesh),
 }
 
 
@@ -53,18 +69,18 @@ def ours(make: Make) -> Mesher:
 
 def peers(names: Sequence[str], note: Callable[[str], None]) -> list[Mesher]:
     """The peers of these names that are installed; for each package that is not, ``note`` is called with one line."""
-    found, missing = [], set()
-    for name in names:
-        package, mesh = PEERS[name]
-        if package in missing:
-            continue
+    wanted = {name: PEERS[name] for name in names}
+    missing = set()
+    for module, package in dict.fromkeys((peer.module, peer.package) for peer in wanted.values()):
         try:
-            import_module(package)
+            import_module(module)
         except (ImportError, OSError) as error:  # OSError: a library that it needs is not there
-            missing.add(package)
             reason = "" if isinstance(error, ModuleNotFoundError) else f" ({error})"
-            what, wheel = package.split(".")[0], {"gmsh": "gmsh"}.get(package, "netgen-mesher")
-            note(f"{what} is not installed{reason}: its meshes are left out; pip install {wheel}")
-            continue
-        found.append(Mesher(name, lambda domain, mesh=mesh: [mesh(domain)]))  # type: ignore[misc]
-    return found
+            note(f"{module.split('.')[0]} is not installed{reason}: its meshes are left out; pip install {package}")
+            missing.add(module)
+    return [Mesher(name, single(peer.mesh)) for name, peer in wanted.items() if peer.module not in missing]
+
+
+def single(mesh: Callable[[Domain], MixedMesh]) -> Callable[[Domain], list[MixedMesh]]:
+    """A call that gives one mesh as one that gives several."""
+    return lambda domain: [mesh(domain)]
