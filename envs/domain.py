@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from envs import random_domain as generator
+from envs import random_part
 from envs.polygon import from_polygon, from_ring_with_seam, from_rings
 from envs.random_domain import RandomDomains
 from envs.readers import READERS, read
@@ -32,8 +33,8 @@ def load(spec: str | os.PathLike[str], *, fix_parity: bool = False) -> Domain:
     """The domain that ``spec`` names.
 
     Args:
-        spec: a catalogue name in any case (``T1``), a seed (``random:7``, ``random:7?spikiness=0.5&holes=1``), or the
-            path of a polygon file (``.geojson``, ``.json``, ``.wkt``, ``.txt``).
+        spec: a catalogue name in any case (``T1``), a seed (``random:7``, ``random:7?spikiness=0.5&holes=1``,
+            ``part:7``), or the path of a polygon file (``.geojson``, ``.json``, ``.wkt``, ``.txt``).
         fix_parity: split the longest segment at its midpoint when the number of vertices is odd.
 
     Raises:
@@ -43,6 +44,8 @@ def load(spec: str | os.PathLike[str], *, fix_parity: bool = False) -> Domain:
     if isinstance(spec, str):
         if text.lower().startswith(generator.PREFIX):
             return generator.from_spec(text)
+        if text.lower().startswith(random_part.PREFIX):
+            return random_part.from_spec(text)
         if text.upper() in catalogue():
             return read(CATALOGUE / f"{text.upper()}.json", fix_parity=fix_parity)
         if not looks_like_path(text):

@@ -10,6 +10,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from freemesh_ray.compare import command as compare_command
+from freemesh_ray.paper_tables import command as paper_command
+
 # One thread a process: on few cores, processes that each start a thread a core slow each other down many times over.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -25,6 +28,8 @@ until nothing is left. All quads, the boundary kept exactly.
   freemesh train --config train_default.yaml      train over the curriculum T1 -> T2 -> T3
   freemesh mesh part.geojson -o part.inp          mesh a polygon with a trained policy
   freemesh domains                                what is there to mesh
+  freemesh compare D7 D8 D9                       our meshes beside those of other meshers
+  freemesh paper quality                          the paper's tables, measured anew
   freemesh bench                                  how fast it is here
 """
 
@@ -106,6 +111,9 @@ def parser() -> argparse.ArgumentParser:
         "domains", help="list the catalogue", description="List the domains that ship with the package."
     )
 
+    compare_command.grammar(commands)
+    paper_command.grammar(commands, whole)
+
     bench = commands.add_parser(
         "bench", help="measure speeds on this machine", description="Measure environment, learner and sampling speed."
     )
@@ -134,6 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from envs.types import DomainError
     from freemesh_ray.atomic import OutputError
     from freemesh_ray.checkpoint import CheckpointError
+    from freemesh_ray.compare.mesh_file import MeshFileError
     from freemesh_ray.config import ConfigError
     from freemesh_ray.mesher import MeshingError
     from freemesh_ray.policy import PolicyError
@@ -141,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     try:
         return COMMANDS[options.command](options)
-    except (DomainError, ConfigError, OutputError, PolicyError, RunError, CheckpointError) as error:
+    except (DomainError, ConfigError, OutputError, PolicyError, RunError, CheckpointError, MeshFileError) as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return BAD_INPUT
     except MeshingError as error:
@@ -267,4 +276,7 @@ def sync(options: argparse.Namespace) -> int:
     return 0
 
 
-COMMANDS = {"train": train, "mesh": mesh, "domains": domains, "bench": bench, "sync": sync}
+COMMANDS = {
+    "train": train, "mesh": mesh, "domains": domains, "compare": compare_command.run, "paper": paper_command.run,
+    "bench": bench, "sync": sync,
+}  # fmt: skip

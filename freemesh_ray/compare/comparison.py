@@ -1,0 +1,100 @@
+"""Every mesher on every domain, one row after another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from envs.types import Domain, DomainError
+from freemesh_ray.compare import pictures, report
+from freemesh_ray.compare.element_metrics import figures
+from freemesh_ray.compare.meshers import Mesher
+from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
+from freemesh_ray.compare.row import Row
+from freemesh_ray.mesher import MeshingError
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What came of a domain.
+
+    Attributes:
+        domain: the domain.
+        rows: one for each mesh, or failure.
+        meshes: those that were made.
+    """
+
+    domain: Domain
+    rows: list[Row]
+    meshes: list[MixedMesh]
+
+
+def compare(
+    domains: Sequence[Domain],
+    meshers: Sequence[Mesher],
+    folder: Path | None,
+    report_row: Callable[[Row], None],
+    *,
+    drawn: bool = True,
+) -> list[Compared]:
+    """Run all meshers on all domains; an interrupt leaves the tables and pictures of what is finished.
+
+    Args:
+        domains: what to mesh.
+        meshers: in the order of the columns.
+        folder: where ``comparison.md``, ``comparison.csv``, a picture for each domain and ``boxes.png`` are written;
+            None: nowhere.
+        report_row: called with each row as it is finished.
+        drawn: whether there are pictures.
+
+    Raises:
+        DomainError: two domains have one name.
+        OutputError: the folder cannot be written to.
+    """
+    check_names(domains)
+    done: list[Compared] = []
+    try:
+        for domain in domains:
+            compared = Compared(domain, [], [])
+            done.append(compared)
+            for mesher in meshers:
+                for row, mesh in rows(mesher, domain):
+                    compared.rows.append(row)
+                    if mesh is not None:
+                        compared.meshes.append(mesh)
+                    report_row(row)
+            if folder is not None:
+                report.write(folder, [row for entry in done for row in entry.rows])
+            if folder is not None and drawn and compared.meshes:
+                pictures.draw_meshes(compared.meshes, domain, folder / f"{file_name(domain.name)}.png")
+    finally:
+        if folder is not None and any(entry.rows for entry in done):
+            report.write(folder, [row for entry in done for row in entry.rows])
+            if drawn and any(entry.meshes for entry in done):
+                pictures.draw_boxes(pictures.boxes([entry.meshes for entry in done]), folder / "boxes.png")
+    return done
+
+
+def rows(mesher: Mesher, domain: Domain) -> list[tuple[Row, MixedMesh | None]]:
+    """A mesher's rows for a domain, with their meshes; a failure is a row without."""
+    try:
+        return [
+            (Row(domain.name, mesh.mesher, figures(mesh), mesh.keeps(domain), ""), mesh) for mesh in mesher.run(domain)
+        ]
+    except (PeerError, MeshingError) as error:
+        return [(Row(domain.name, mesher.name, None, False, str(error).replace("\n", " ")), None)]
+
+
+def file_name(name: str) -> str:
+    """A domain's name as a file's."""
+    return re.sub(r"[^\w.-]+", "-", name).strip("-")
+
+
+def check_names(domains: Sequence[Domain]) -> None:
+    """Refuse two domains of one name, which tables and files could not tell apart."""
+    names = [file_name(domain.name) for domain in domains]
+    for name in names:
+        if names.count(name) > 1:
+            raise DomainError(f"{name}: two domains of this name; leave one out, or rename its file")

@@ -1,0 +1,149 @@
+"""Gmsh's quadrilateral meshers on a fixed boundary: one straight curve for each given segment, never divided.
+
+Sizes inside come from the boundary segments alone (Mesh.MeshSizeExtendFromBoundary), as Gmsh does by default.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from envs.types import Domain, Ints
+from freemesh_ray.compare.loops import loops
+from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
+
+#: Gmsh's numbers for kinds of element.
+TRIANGLE, QUAD = 2, 3
+
+#: Passes of Gmsh's relocation of nodes; more change nothing in the third digit.
+RELOCATIONS = 100
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to have quadrilaterals from Gmsh.
+
+    Attributes:
+        options: Gmsh's options by name.
+        afterwards: an optimisation that follows, and how many passes of it; "" for none.
+        paired: whether the mesher halves every boundary segment, so that it is given pairs of segments as one.
+    """
+
+    options: Mapping[str, float]
+    afterwards: tuple[str, int] = ("", 0)
+    paired: bool = False
+
+
+FRONTAL, FRONTAL_QUADS = {"Mesh.Algorithm": 6.0}, {"Mesh.Algorithm": 8.0}
+BLOSSOM, FULL_QUAD = {"Mesh.RecombinationAlgorithm": 1.0}, {"Mesh.RecombinationAlgorithm": 3.0}
+
+VARIANTS: dict[str, Variant] = {
+    "gmsh-default": Variant(FRONTAL | BLOSSOM),
+    "gmsh-8": Variant(FRONTAL_QUADS | BLOSSOM, ("Relocate2D", RELOCATIONS)),
+    # Left to itself Gmsh splits poor quadrilaterals into triangles.
+    "gmsh-full-quad": Variant(FRONTAL_QUADS | FULL_QUAD | {"Mesh.RecombineMinimumQuality": -1e22}, paired=True),
+    # An error inside its parallel loop would end the process: it is told to go on instead.
+    "gmsh-quasi": Variant(
+        FRONTAL_QUADS | BLOSSOM | {"General.AbortOnError": 0.0}, ("QuadQuasiStructured", 1)
+    ),
+}  # fmt: skip
+
+
+def gmsh_mesh(domain: Domain, name: str) -> MixedMesh:
+    """Mesh a domain with one of the VARIANTS; ``seconds`` is the wall time of Gmsh's meshing alone.
+
+    Raises:
+        PeerError: Gmsh failed, or the boundary cannot be paired.
+        ImportError: Gmsh is not installed.
+    """
+    variant = VARIANTS[name]
+    with model(variant.options) as gmsh:
+        try:
+            middles = build(gmsh, domain, variant.paired)
+            start = time.perf_counter()
+            gmsh.model.mesh.generate(2)
+            for curve, vertex in middles:
+                (tag,), _, _ = gmsh.model.mesh.getNodes(1, curve)
+                gmsh.model.mesh.setNode(tag, [*domain.points[vertex], 0.0], [0.5])
+            if variant.afterwards[0]:
+                gmsh.model.mesh.optimize(variant.afterwards[0], niter=variant.afterwards[1])
+            seconds = time.perf_counter() - start
+            return result(gmsh, name, seconds)
+        except PeerError:
+            raise
+        except Exception as error:  # Gmsh has no type of its own
+            raise PeerError(str(error).strip() or "failed without a message") from error
+
+
+@contextmanager
+def model(options: Mapping[str, float]) -> Iterator[Any]:
+    """Gmsh with an empty model and these options; silent, and without its hold on Ctrl-C."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        for option, value in options.items():
+            gmsh.option.setNumber(option, value)
+        yield gmsh
+    finally:
+        gmsh.finalize()
+
+
+def build(gmsh: Any, domain: Domain, paired: bool) -> list[tuple[int, int]]:
+    """The domain as Gmsh's geometry.
+
+    Returns:
+        For pairs of segments, each curve's tag and the vertex in its middle; else nothing.
+
+    Raises:
+        PeerError: a loop has an odd number of vertices, or too few, where pairs are needed.
+    """
+    geometry, wires = gmsh.model.geo, []
+    middles: list[tuple[int, int]] = []
+    for loop in loops(domain):
+        corners = loop
+        if paired:
+            loop = started(domain, loop)
+            corners = loop[::2]
+        tags = [geometry.addPoint(*point, 0.0) for point in domain.points[corners].tolist()]
+        curves = [geometry.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)]
+        for curve in curves:
+            geometry.mesh.setTransfiniteCurve(curve, 3 if paired else 2)
+        wires.append(geometry.addCurveLoop(curves))
+        if paired:
+            middles += zip(curves, loop[1::2].tolist(), strict=True)
+    surface = geometry.addPlaneSurface(wires)
+    geometry.synchronize()
+    gmsh.model.mesh.setRecombine(2, surface)
+    return middles
+
+
+def started(domain: Domain, loop: Ints) -> Ints:
+    """The loop from where its even places, which pairs of segments keep, take more of its turning (squared).
+
+    Raises:
+        PeerError: it has an odd number of vertices, or fewer than six.
+    """
+    if len(loop) % 2 or len(loop) < 6:
+        raise PeerError(f"a boundary loop of {len(loop)} vertices does not fall into three or more pairs of segments")
+    points = domain.points[loop]
+    ahead = np.roll(points, -1, axis=0) - points
+    behind = np.roll(ahead, 1, axis=0)
+    turn = np.arctan2(behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0], (behind * ahead).sum(axis=1)) ** 2
+    return loop if turn[::2].sum() >= turn[1::2].sum() else np.roll(loop, -1)
+
+
+def result(gmsh: Any, name: str, seconds: float) -> MixedMesh:
+    """The mesh in Gmsh's model."""
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    vertices = np.zeros((int(tags.max(initial=0)) + 1, 2))
+    vertices[tags] = coordinates.reshape(-1, 3)[:, :2]
+    kinds, _, nodes = gmsh.model.mesh.getElements(2)
+    corners = dict(zip(kinds.tolist(), nodes, strict=True))
+    return assembled(name, vertices, corners.get(QUAD, ()), corners.get(TRIANGLE, ()), seconds)

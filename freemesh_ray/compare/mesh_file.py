@@ -1,0 +1,128 @@
+"""Meshes that another program wrote, as columns of the comparison: ``LABEL=FILE`` or ``DOMAIN:LABEL=FILE``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from envs.types import Domain, Floats, Ints
+from freemesh_ray.compare.abaqus_file import read_abaqus
+from freemesh_ray.compare.meshers import Mesher
+from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
+
+#: meshio's names for elements that are compared, and how many corners they have; nodes beyond those are left out.
+QUADS = ("quad", "quad8", "quad9")
+TRIANGLES = ("triangle", "triangle6", "triangle7")
+
+#: Bounding boxes are the same within this share of the diameter.
+BOX_TOLERANCE = 1e-3
+
+
+class MeshFileError(ValueError):
+    """A mesh file that cannot be used; one line with its name and the fix."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """A mesh file and where it belongs.
+
+    Attributes:
+        domain: name of its domain.
+        mesh: what it holds, under its label.
+    """
+
+    domain: str
+    mesh: MixedMesh
+
+
+def files(texts: Sequence[str], domains: Sequence[Domain]) -> list[Mesher]:
+    """One mesher for each label in ``[DOMAIN:]LABEL=FILE``; it gives what the files hold.
+
+    Raises:
+        MeshFileError: a text of another form, a file that is no mesh, or one that belongs to no domain.
+    """
+    given = [placed(text, domains) for text in texts]
+    table: dict[str, dict[str, MixedMesh]] = {}
+    for entry in given:
+        of_label = table.setdefault(entry.mesh.mesher, {})
+        if entry.domain in of_label:
+            raise MeshFileError(f"{entry.mesh.mesher}: two files for {entry.domain}; give one, or another label")
+        of_label[entry.domain] = entry.mesh
+
+    def mesher(label: str, meshes: dict[str, MixedMesh]) -> Mesher:
+        def run(domain: Domain) -> list[MixedMesh]:
+            if domain.name not in meshes:
+                raise PeerError(f"no file given for {domain.name}")
+            return [meshes[domain.name]]
+
+        return Mesher(label, run)
+
+    return [mesher(label, meshes) for label, meshes in table.items()]
+
+
+def placed(text: str, domains: Sequence[Domain]) -> Given:
+    """The mesh in ``[DOMAIN:]LABEL=FILE``, and the domain that it is of."""
+    head, equals, path = text.partition("=")
+    name, _, label = head.rpartition(":")
+    if not (equals and label and path):
+        raise MeshFileError(f"--mesh {text!r}: write LABEL=FILE or DOMAIN:LABEL=FILE")
+    mesh = replace(read(Path(path)), mesher=label)
+    if name:
+        if name not in [domain.name for domain in domains]:
+            raise MeshFileError(f"--mesh {text!r}: {name} is not among the domains compared; name it, too")
+        return Given(name, mesh)
+    matching = [d for d in domains if mesh.keeps(d)] or [d for d in domains if same_box(mesh, d)]
+    if len(matching) != 1:
+        which = f"fits {', '.join(d.name for d in matching)} alike" if matching else "has the extent of no domain here"
+        raise MeshFileError(f"{path}: {which}; write DOMAIN:{label}={path}")
+    return Given(matching[0].name, mesh)
+
+
+def same_box(mesh: MixedMesh, domain: Domain) -> bool:
+    """Whether mesh and domain have one bounding box."""
+    first, second = (np.stack([p.min(axis=0), p.max(axis=0)]) for p in (mesh.vertices, domain.points))
+    return bool(np.abs(first - second).max() <= BOX_TOLERANCE * domain.diameter)
+
+
+def read(path: Path) -> MixedMesh:
+    """The quadrilaterals and triangles in a file of any format that meshio reads; its plane is z = constant.
+
+    Raises:
+        MeshFileError: no such file, not a mesh, no elements of these kinds, or not in one plane.
+    """
+    if not path.is_file():
+        raise MeshFileError(f"{path}: no such mesh file; check the path")
+    points, quads, triangles = parts(path)
+    size = np.ptp(points, axis=0) if len(points) else np.zeros(2)
+    if len(size) > 2 and size[2] > 1e-6 * np.linalg.norm(size):
+        raise MeshFileError(f"{path}: not in one plane z = constant; turn it into the plane first")
+    try:
+        return assembled(path.stem, points[:, :2], quads, triangles, float("nan"))
+    except PeerError:
+        raise MeshFileError(f"{path}: holds no quadrilaterals or triangles; export the surface mesh") from None
+
+
+def parts(path: Path) -> tuple[Floats, Ints, Ints]:
+    """A file's points (n, 2 or 3), quadrilaterals (m, 4) and triangles (t, 3).
+
+    Raises:
+        MeshFileError: not a mesh.
+    """
+    try:
+        if path.suffix.lower() == ".inp":
+            return read_abaqus(path)
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints what it raises
+            found = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio leaves the program where no reader fits
+        reason = str(error).splitlines()[0] if not isinstance(error, SystemExit) and str(error) else "unknown format"
+        raise MeshFileError(f"{path}: cannot be read ({reason}); write .inp, .msh or .vtu") from error
+    quads = [np.empty((0, 4)), *(block.data[:, :4] for block in found.cells if block.type in QUADS)]
+    triangles = [np.empty((0, 3)), *(block.data[:, :3] for block in found.cells if block.type in TRIANGLES)]
+    points = np.asarray(found.points, dtype=np.float64)
+    return points, np.concatenate(quads).astype(np.int64), np.concatenate(triangles).astype(np.int64)

@@ -1,0 +1,149 @@
+"""The comparison's tables: Markdown for people, CSV for programs."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from freemesh_ray.atomic import replacing
+from freemesh_ray.compare.markdown import number, table
+from freemesh_ray.compare.row import Row
+
+#: Figure -> column, format. Those marked * are by the authors' definitions.
+COLUMNS: dict[str, tuple[str, str]] = {
+    "quads": ("quads", ".0f"),
+    "triangles": ("tri", ".1f"),
+    "non_convex": ("bent", ".1f"),
+    "singularity": ("sing", ".0f"),
+    "singularity_authors": ("sing*", ".0f"),
+    "eta": ("eta", ".3f"),
+    "eta_p5": ("p5", ".2f"),
+    "eta_min": ("min", ".2f"),
+    "min_angle": ("min angle", ".1f"),
+    "min_angle_authors": ("min angle*", ".2f"),
+    "max_angle": ("max angle", ".1f"),
+    "max_angle_authors": ("max angle*", ".2f"),
+    "scaled_jacobian": ("SJ", ".3f"),
+    "stretch": ("stretch", ".3f"),
+    "taper": ("taper*", ".3f"),
+    "taper_paper": ("taper", ".3f"),
+    "milliseconds": ("ms", ".1f"),
+    "elements_per_second": ("elements/s", ",.0f"),
+}
+
+#: Means of these have a decimal, their values have none.
+COUNTS = ("triangles", "non_convex")
+
+LEGEND = """\
+tri: triangles left; bent: elements with a corner of 180 degrees or more; sing: interior vertices whose valence is not
+4; eta, p5, min: mean, 5th percentile and least element quality; min, max angle: |least - 90|, |largest - 90| degrees;
+SJ: scaled Jacobian; taper: by triangles' areas, as the paper words it. With a star, as the authors' code has them:
+sing*: vertices, boundary included, of other than 1, 2 or 4 elements; min, max angle*: least and largest of the four
+|angle - 90|; taper*: Verdict's. Element metrics are means over the quadrilaterals. ms: meshing alone;
+in means the median, and elements/s all elements over all seconds."""
+
+
+def line(row: Row) -> str:
+    """A row in one line, for progress."""
+    if row.figures is None:
+        return f"{row.domain}  {row.mesher}: failed: {row.failure}"
+    found = row.figures
+    return (
+        f"{row.domain}  {row.mesher}: {found['quads']:.0f} quads, {found['triangles']:.0f} triangles, "
+        f"eta {number(found['eta'], '.3f')}, {found['singularity']:.0f} irregular, "
+        f"{number(1e3 * found['seconds'], '.0f')} ms"
+    )
+
+
+def text(rows: Sequence[Row]) -> str:
+    """All tables: one for each domain, then the means over the domains."""
+    parts = [domain_table(list(group)) for _, group in groupby(rows, key=lambda row: row.domain)]
+    names = distinct(row.domain for row in rows)
+    if len(names) > 1:
+        parts.append(mean_table(rows, names, "Mean over the domains that each completed"))
+        shared = completed_by_all(rows, names)
+        if 0 < len(shared) < len(names):
+            title = f"Mean over the {len(shared)} domains that all completed"
+            parts.append(mean_table([row for row in rows if row.domain in shared], shared, title))
+    return "\n\n".join([*parts, LEGEND]) + "\n"
+
+
+def domain_table(rows: Sequence[Row]) -> str:
+    """The meshers on one domain, and below the table why some have no mesh."""
+    lines = [
+        [row.mesher, *cells(plain(row.figures)), "kept" if row.keeps_boundary else "CHANGED"]
+        for row in rows
+        if row.figures is not None
+    ]
+    notes = [f"- {row.mesher} failed: {row.failure}" for row in rows if row.figures is None]
+    header = ["mesher", *(title for title, _ in COLUMNS.values()), "boundary"]
+    return "\n\n".join(filter(None, [f"### {rows[0].domain}", table(header, lines) if lines else "", "\n".join(notes)]))
+
+
+def mean_table(rows: Sequence[Row], domains: Sequence[str], title: str) -> str:
+    """Each mesher's means over its domains."""
+    lines = []
+    for mesher in distinct(row.mesher for row in rows):
+        own = [row.figures for row in rows if row.mesher == mesher and row.figures is not None]
+        lines.append([mesher, f"{len(own)}/{len(domains)}", *cells(means(own))])
+    header = ["mesher", "domains", *(name for name, _ in COLUMNS.values())]
+    return f"### {title}\n\n{table(header, lines)}"
+
+
+def means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Means of the figures of several meshes; ms is the median, elements/s all elements over all seconds."""
+    if not figures:
+        return dict.fromkeys(COLUMNS, math.nan)
+    found = {key: float(np.mean([entry[key] for entry in figures])) for key in figures[0]}
+    seconds = np.array([entry["seconds"] for entry in figures])
+    elements = sum(entry["quads"] + entry["triangles"] for entry in figures)
+    found["milliseconds"] = float(1e3 * np.median(seconds))
+    found["elements_per_second"] = float(elements / seconds.sum()) if seconds.sum() > 0 else math.nan
+    return found
+
+
+def plain(figures: Mapping[str, float]) -> dict[str, float]:
+    """One mesh's figures, its time in milliseconds."""
+    return {**figures, "milliseconds": 1e3 * figures["seconds"]}
+
+
+def cells(figures: Mapping[str, float]) -> list[str]:
+    """The columns' texts."""
+    found = []
+    for key, (_, form) in COLUMNS.items():
+        value = figures[key]
+        found.append(number(value, ".0f" if key in COUNTS and value.is_integer() else form))
+    return found
+
+
+def completed_by_all(rows: Sequence[Row], domains: Sequence[str]) -> list[str]:
+    """The domains on which nobody failed."""
+    failed = {row.domain for row in rows if row.figures is None}
+    return [name for name in domains if name not in failed]
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """Names in the order of their first appearance."""
+    return list(dict.fromkeys(names))
+
+
+def write(folder: Path, rows: Sequence[Row]) -> None:
+    """Write ``comparison.md`` and ``comparison.csv``, each as a whole.
+
+    Raises:
+        OutputError: the folder cannot be written to.
+    """
+    with replacing(folder / "comparison.md") as draft:
+        draft.write_text(text(rows), encoding="utf-8")
+    keys = distinct(key for row in rows if row.figures is not None for key in row.figures)
+    with replacing(folder / "comparison.csv") as draft, open(draft, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["domain", "mesher", *keys, "keeps_boundary", "failure"])
+        for row in rows:
+            values = ["" if row.figures is None else repr(row.figures[key]) for key in keys]
+            writer.writerow([row.domain, row.mesher, *values, int(row.keeps_boundary), row.failure])
