@@ -5,7 +5,7 @@ irregular vertex a depth-first search tries sequences of up to ``DEPTH`` changes
 irregularity. A sequence that lessens it is tried out: the vertices around are smoothed, and it stays when the elements
 there are on the whole no poorer than before and the poorest is not poorer either. Otherwise everything is taken back.
 
-    ball    the elements around the vertices up to RINGS edges from the seed; changes stay inside, its rim stays as it is
+    ball    the elements around the vertices up to RINGS edges from the seed; changes stay inside it, its rim as it is
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ SLACK = 3.0
 #: Sequences tried out around one vertex, at most.
 TRIALS = 3
 RINGS = 2
-#: Rounds of smoothing before a sequence is judged roughly, and in all.
-ROUGH, SWEEPS = 2, 8
+#: Rounds of rough smoothing before a sequence is judged for the first time, and of smoothing before the second.
+ROUGH, SWEEPS = 3, 6
 
 _SWAP, _COLLAPSE, _SPLIT = range(3)
 # Entries of Search.counts.
@@ -67,6 +67,8 @@ class Search(NamedTuple):
         vertex_stamp, quad_stamp: (V,), (M,) int64, equal to the stamp inside the ball.
         options: (DEPTH, 16, 4) float64, [irregularity after it, kind, half-edge, argument] of the changes to try.
         counts: (6,) int64.
+        changed: (M,) int64, for each element how many sequences had been kept when it was last in the ball of one.
+        failed: (V,) int64, for each vertex how many had been kept when the search around it last found nothing.
         step, star: see smoother.workspace.
     """
 
@@ -78,6 +80,8 @@ class Search(NamedTuple):
     quad_stamp: Ints
     options: Floats
     counts: Ints
+    changed: Ints
+    failed: Ints
     step: Floats
     star: Floats
 
@@ -246,8 +250,9 @@ def take(mesh: Halfedges, search: Search, kind: int, h: int, argument: int) -> N
 
 
 @compiled
-def surround(mesh: Halfedges, search: Search, seed: int) -> None:
-    """Gather the ball around a vertex."""
+def surround(mesh: Halfedges, search: Search, seed: int) -> int:
+    """Gather the ball around a vertex; how many sequences had been kept when anything in it last changed."""
+    newest = 0
     search.counts[STAMP] += 1
     stamp = search.counts[STAMP]
     search.inner[0], search.vertex_stamp[seed] = seed, stamp
@@ -261,6 +266,7 @@ def surround(mesh: Halfedges, search: Search, seed: int) -> None:
                 quad = spoke >> 2
                 if search.quad_stamp[quad] != stamp and ball < len(search.ball):
                     search.quad_stamp[quad], search.ball[ball] = stamp, quad
+                    newest = max(newest, search.changed[quad])
                     ball += 1
                 for w in (origin(mesh, after(spoke)), origin(mesh, before(spoke))):
                     if ring < RINGS and search.vertex_stamp[w] != stamp and inner < len(search.inner) - DEPTH:
@@ -271,6 +277,7 @@ def surround(mesh: Halfedges, search: Search, seed: int) -> None:
     search.counts[_INNER], search.counts[_BALL] = inner, ball
     for i in range(inner):
         search.place[i, 0], search.place[i, 1] = mesh.xy[search.inner[i], 0], mesh.xy[search.inner[i], 1]
+    return newest
 
 
 @compiled
@@ -290,10 +297,9 @@ def judge(mesh: Halfedges, search: Search, quads_before: int) -> tuple[float, fl
 
 
 @compiled
-def settle(mesh: Halfedges, search: Search, vertices_before: int, sweeps: int) -> None:
+def settle(mesh: Halfedges, search: Search, vertices_before: int, sweeps: int, roughly: bool) -> None:
     """Smooth the interior vertices inside the ball."""
     n = 0
-    movable = search.hot[len(search.hot) // 2 :]
     movable = np.empty(len(search.inner) + DEPTH, dtype=np.int64)
     for i in range(search.counts[_INNER]):
         v = search.inner[i]
@@ -304,7 +310,7 @@ def settle(mesh: Halfedges, search: Search, vertices_before: int, sweeps: int) -
         if mesh.degree[v] > 0:
             movable[n] = v
             n += 1
-    smooth(mesh, movable, n, sweeps, search.step, search.star)
+    smooth(mesh, movable, n, sweeps, roughly, search.step, search.star)
 
 
 @compiled
@@ -313,6 +319,16 @@ def put_back(mesh: Halfedges, search: Search) -> None:
     for i in range(search.counts[_INNER]):
         v = search.inner[i]
         mesh.xy[v, 0], mesh.xy[v, 1] = search.place[i, 0], search.place[i, 1]
+
+
+@compiled
+def keep(mesh: Halfedges, search: Search, quads_before: int) -> None:
+    """Make the changes final, and note where they were."""
+    search.counts[KEPT] += 1
+    for i in range(search.counts[_BALL]):
+        search.changed[search.ball[i]] = search.counts[KEPT]
+    search.changed[quads_before : mesh.counts[QUADS]] = search.counts[KEPT]
+    commit(mesh)
 
 
 @compiled
@@ -327,7 +343,8 @@ def improve(mesh: Halfedges, search: Search, seed: int, goal: float, gain: float
         gain: the mean merit around must rise by at least this.
         all_vertices: let changes start from regular vertices, too.
     """
-    surround(mesh, search, seed)
+    if surround(mesh, search, seed) < search.failed[seed]:
+        return False
     vertices, quads = mesh.counts[VERTICES], mesh.counts[QUADS]
     mean, least = judge(mesh, search, quads)
     totals = np.zeros(DEPTH + 1)
@@ -354,14 +371,13 @@ def improve(mesh: Halfedges, search: Search, seed: int, goal: float, gain: float
         if total < goal:
             trials += 1
             search.counts[TRIED] += 1
-            settle(mesh, search, vertices, ROUGH)
+            settle(mesh, search, vertices, ROUGH, True)
             now, poorest = judge(mesh, search, quads)
             if poorest > 0.0 and now > mean - 0.05:
-                settle(mesh, search, vertices, SWEEPS - ROUGH)
+                settle(mesh, search, vertices, SWEEPS, False)
                 now, poorest = judge(mesh, search, quads)
             if poorest >= min(least, FLOOR) and poorest > 0.0 and now >= mean + gain:
-                search.counts[KEPT] += 1
-                commit(mesh)
+                keep(mesh, search, quads)
                 return True
             put_back(mesh, search)
         if depth + 1 < DEPTH:
@@ -369,6 +385,7 @@ def improve(mesh: Halfedges, search: Search, seed: int, goal: float, gain: float
             totals[depth], logged[depth], moved[depth] = total, mesh.counts[LOGGED], mesh.counts[MOVED]
             hot[depth], at[depth] = search.counts[_HOT], 0
             count[depth] = list_options(mesh, search, depth, total, all_vertices)
+    search.failed[seed] = search.counts[KEPT] + 1
     return False
 
 
@@ -399,6 +416,8 @@ def workspace(mesh: Halfedges, step: Floats, star: Floats) -> Search:
         quad_stamp=np.zeros(len(mesh.quads), dtype=np.int64),
         options=np.zeros((DEPTH, 16, 4)),
         counts=np.zeros(6, dtype=np.int64),
+        changed=np.zeros(len(mesh.quads), dtype=np.int64),
+        failed=np.zeros(len(mesh.xy), dtype=np.int64),
         step=step,
         star=star,
     )
