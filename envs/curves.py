@@ -30,10 +30,12 @@ LEAST_STEP = 5e-6
 #: Chords of one smooth span at most.
 MOST_CHORDS = 1 << 12
 
+#: A step below this share of a curve's length is none.
+TINY = 1e-6
+
 #: Rows: coefficients of t^3, t^2, t, 1; columns: the weights of four control points.
 CATMULL_ROM = 0.5 * np.array([[-1, 3, -3, 1], [2, -5, 4, -1], [-1, 0, 1, 0], [0, 2, 0, 0]], dtype=np.float64)
 B_SPLINE = np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 0, 3, 0], [1, 4, 1, 0]]) / 6.0
-BEZIER = np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 3, 0, 0], [1, 0, 0, 0]], dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def flattening(extent: float, edge_length: float | None) -> Flattening:
 
 
 def chords_of_arc(radius: float, sweep: float, fineness: Flattening) -> int:
-    """Chords, at least one, of a circular arc of ``sweep`` radians; the sagitta of a chord is r (1 - cos(angle / 2))."""
+    """Chords, at least one, of a circular arc of ``sweep`` radians; a chord's sagitta is r (1 - cos(angle / 2))."""
     angle = min(fineness.turn, fineness.step / radius)
     if fineness.sagitta < radius:
         angle = min(angle, 2.0 * float(np.arccos(1.0 - fineness.sagitta / radius)))
@@ -107,7 +109,7 @@ def cubics(controls: Floats, matrix: Floats, fineness: Flattening) -> Floats:
 
     Args:
         controls: (s, 4, 2), the control points of each piece.
-        matrix: (4, 4), ``CATMULL_ROM``, ``B_SPLINE`` or ``BEZIER``.
+        matrix: (4, 4), ``CATMULL_ROM`` or ``B_SPLINE``.
         fineness: how finely.
     """
     coefficients = matrix @ controls
@@ -137,7 +139,15 @@ def sampled(at: Callable[[Floats], Floats], breaks: Floats, fineness: Flattening
             chords *= 2
             points = at(np.linspace(low, high, chords + 1))
         pieces.append(points[1:])
-    return np.concatenate(pieces)
+    return without_tiny_steps(np.concatenate(pieces))
+
+
+def without_tiny_steps(points: Floats) -> Floats:
+    """The points without those hardly off the one before: a parameter may pass slowly where a curve begins or ends."""
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    kept = np.append(lengths > TINY * lengths.sum(), True)
+    kept[0] = True
+    return points[kept]
 
 
 def fine_enough(points: Floats, fineness: Flattening) -> bool:
@@ -146,9 +156,11 @@ def fine_enough(points: Floats, fineness: Flattening) -> bool:
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.max() > fineness.step:
         return False
+    # The heading of a tiny step is rounding alone.
+    steps = steps[lengths > TINY * lengths.sum()]
     u, v = steps[:-1], steps[1:]
     turns = np.arctan2(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), (u * v).sum(axis=1))
-    if turns.max() > fineness.turn:
+    if turns.max(initial=0.0) > fineness.turn:
         return False
     # A quarter of what a chord twice as long is off by.
     off = np.linalg.norm(points[1:-1:2] - 0.5 * (points[:-2:2] + points[2::2]), axis=1) / 4.0

@@ -1,4 +1,4 @@
-"""The front door of the domains: a catalogue name, a random seed, a polygon file or a shape becomes a :class:`Domain`."""
+"""The front door of the domains: a catalogue name, a seed, a polygon file or a shape becomes a :class:`Domain`."""
 
 from __future__ import annotations
 

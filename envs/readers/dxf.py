@@ -26,8 +26,11 @@ from envs.types import RELATIVE_TOLERANCE, DomainError, Floats
 #: Ends closer than this share of the drawing's extent meet: drawings are often written with six digits.
 ENDS_MEET = 1e-6
 
-#: Entities of a drawing at most, those of blocks counted as often as they are inserted.
+#: Entities of a drawing at most, those of blocks counted as often as they are inserted, ...
 MOST_ENTITIES = 200_000
+
+#: ... and inserted blocks among them.
+MOST_BLOCKS = 10_000
 
 READ = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 
@@ -106,18 +109,21 @@ def visible(drawing: Any, source: str) -> Iterator[Any]:
     """The entities that are seen in the model space, inserted blocks taken apart."""
     hidden = {layer.dxf.name.lower() for layer in drawing.layers if layer.is_off() or layer.is_frozen()}
     waiting = [iter(drawing.modelspace())]
-    taken = 0
+    taken = blocks = 0
     while waiting:
         entity = next(waiting[-1], None)
         if entity is None:
             waiting.pop()
             continue
         taken += 1
-        if taken > MOST_ENTITIES or len(waiting) > 50:
-            raise DomainError(f"{source}: more than {MOST_ENTITIES:,} entities, or blocks in blocks; simplify it")
+        if taken > MOST_ENTITIES or blocks > MOST_BLOCKS:
+            raise DomainError(
+                f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; simplify the drawing"
+            )
         if entity.dxf.layer.lower() in hidden or entity.dxf.get("invisible", 0):
             continue
         if entity.dxftype() == "INSERT":
+            blocks += 1
             waiting.append(inserted(entity))
         else:
             yield entity

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from envs import curves
 from envs.curves import Flattening
@@ -251,7 +252,7 @@ def flattened(model: Model, curve: Curve, fineness: Flattening, source: str) -> 
         return circle_arc(given, fineness, f"{source}: line {curve.line}")
     if curve.kind == "Ellipse":
         return ellipse_arc(given, fineness, f"{source}: line {curve.line}")
-    return curves.pinned(SPLINES[curve.kind](given, fineness), given[0], given[-1])
+    return SPLINES[curve.kind](given, fineness)
 
 
 def circle_arc(given: Floats, fineness: Flattening, where: str) -> Floats:
@@ -302,19 +303,22 @@ def spline(given: Floats, fineness: Flattening) -> Floats:
     before = given[-2] if closed else 2 * given[0] - given[1]
     after = given[1] if closed else 2 * given[-1] - given[-2]
     padded = np.concatenate([before[None], given, after[None]])
-    return curves.cubics(quadruples(padded), curves.CATMULL_ROM, fineness)
+    return curves.pinned(curves.cubics(quadruples(padded), curves.CATMULL_ROM, fineness), given[0], given[-1])
 
 
 def b_spline(given: Floats, fineness: Flattening) -> Floats:
-    """A uniform cubic B-spline; an open one repeats its ends three times and so goes through them.
+    """A cubic B-spline over uniform knots, clamped at its ends; a closed one is smooth where it closes.
 
-    A closed one does not go through the point that closes it; Gmsh lets it start there all the same.
+    A closed one does not go through its points, not even through the first; of few points the degree is lower.
     """
-    if (given[0] == given[-1]).all():
-        padded = np.concatenate([given[-2:-1], given, given[1:2]])
-    else:
-        padded = np.concatenate([given[:1].repeat(2, axis=0), given, given[-1:].repeat(2, axis=0)])
-    return curves.cubics(quadruples(padded), curves.B_SPLINE, fineness)
+    if (given[0] == given[-1]).all() and len(given) > 3:
+        around = np.concatenate([given[-2:-1], given, given[1:2]])
+        return curves.cubics(quadruples(around), curves.B_SPLINE, fineness)
+    degree = min(3, len(given) - 1)
+    knots = np.arange(len(given) - degree + 1, dtype=np.float64)
+    clamped = np.concatenate([np.full(degree, knots[0]), knots, np.full(degree, knots[-1])])
+    points = curves.sampled(BSpline(clamped, given, degree), knots, fineness)
+    return curves.pinned(points, given[0], given[-1])
 
 
 def bezier(given: Floats, fineness: Flattening) -> Floats:
@@ -327,7 +331,7 @@ def bezier(given: Floats, fineness: Flattening) -> Floats:
             points = points[:, :-1] + t[:, None, None] * (points[:, 1:] - points[:, :-1])
         return points[:, 0]
 
-    return curves.sampled(at, np.array([0.0, 1.0]), fineness)
+    return curves.pinned(curves.sampled(at, np.array([0.0, 1.0]), fineness), given[0], given[-1])
 
 
 def quadruples(points: Floats) -> Floats:
@@ -363,8 +367,8 @@ def ring_of(model: Model, flat: dict[int, Floats], loop: int, source: str) -> Fl
         if node not in (first, last):
             line = model.curves[tag].line
             raise DomainError(
-                f"{source}: loop {loop}: curve {tag} of line {line} does not begin at point {node}, where the curve before "
-                "it ends; put the curves in order"
+                f"{source}: loop {loop}: curve {tag} of line {line} does not begin at point {node}, where the one before "
+                "ends; put the curves in order"
             )
         pieces.append(flat[tag][:-1] if node == first else flat[tag][:0:-1])
         node = last if node == first else first

@@ -104,19 +104,13 @@ class Script:
             raise self.fault(f"{self.next.text[:40]!r} where {text!r} is needed; correct the statement")
 
     def skip_statement(self) -> None:
-        """Pass everything to the statement's end: a semicolon, or the brace that closes what it opens."""
-        open_braces = 0
+        """Pass everything to the statement's end: its semicolon, or the brace that closes a block of statements."""
+        open_braces, block = 0, False
         while (token := self.take()).kind != "end":
             open_braces += (token.text == "{") - (token.text == "}")
-            if open_braces <= 0 and (token.text == ";" or (token.text == "}" and self.next.text != ";")):
-                # ``Using Progression 2`` may follow a list before the semicolon.
-                if (
-                    token.text == "}"
-                    and self.next.kind == "name"
-                    and self.next.text in ("Using", "In", "Right", "Left")
-                ):
-                    continue
+            if open_braces <= 0 and (token.text == ";" or (token.text == "}" and block)):
                 return
+            block = block or token.text == ";"
 
     def whole(self) -> int:
         """A whole number: a tag."""

@@ -106,7 +106,7 @@ def polygons_of_msh(path: Path, edge_length: float | None = None) -> list[list[A
     if not (np.abs(mesh.points[used]) <= LARGEST_COORDINATE).all():
         raise DomainError(f"{source}: a coordinate is not finite or too large; correct the nodes")
     heights = mesh.points[used, 2]
-    if np.ptp(heights) > FLAT * extent(mesh.points[used]):
+    if np.ptp(heights) > FLAT * extent(mesh.points[used, :2]):
         raise DomainError(
             f"{source}: heights from {heights.min():g} to {heights.max():g}; give a mesh in the x, y plane"
         )
