@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from envs.readers.geojson import polygons_of_geojson
+from envs.readers.geojson import polygons_of_geojson, polygons_of_rings
 from envs.readers.wkt import polygons_of_shape
 from envs.types import DomainError
 
@@ -23,7 +23,7 @@ def polygons_of(shape: Any, source: str) -> list[list[Any]]:
         return polygons_of_shape(shape, source)
     if isinstance(shape, Mapping):
         if "rings" in shape:
-            return [list(shape["rings"])]
+            return polygons_of_rings(shape, source)
         return polygons_of_geojson(shape, source)
     if hasattr(shape, "__geo_interface__"):
         return polygons_of_geojson(shape.__geo_interface__, source)
@@ -34,7 +34,7 @@ def polygons_of(shape: Any, source: str) -> list[list[Any]]:
         return [[shape]]
     if depth == 3:
         return [list(shape)]
-    if depth == 4:
+    if depth == 4 and all(is_list(rings) and len(rings) for rings in shape):
         return [list(rings) for rings in shape]
     raise DomainError(
         f"{source}: a {type(shape).__name__} where a polygon is needed; give an (n, 2) array, a list of rings, a "

@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946): the polygons of an object, elevations ignored."""
+"""GeoJSON (RFC 7946) and the catalogue's ``{"rings": ...}``: the polygons of an object, elevations ignored."""
 
 from __future__ import annotations
 
@@ -51,6 +51,14 @@ def rings_of(polygon: Any, source: str) -> list[Any]:
     if not is_list(polygon) or not polygon or not all(is_list(ring) for ring in polygon):
         raise DomainError(f"{source}: 'coordinates' is no list of rings; give the outer ring and then the holes")
     return [[vertex[:2] if is_list(vertex) else vertex for vertex in ring] for ring in polygon]
+
+
+def polygons_of_rings(data: Mapping[str, Any], source: str) -> list[list[Any]]:
+    """The one polygon of ``{"rings": [outer, hole, ...]}``."""
+    rings = data["rings"]
+    if not is_list(rings) or not len(rings):
+        raise DomainError(f"{source}: 'rings' is no list of rings; give the outer ring and then the holes")
+    return [list(rings)]
 
 
 def is_list(value: Any) -> bool:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from envs.readers.geojson import polygons_of_geojson
+from envs.readers.geojson import polygons_of_geojson, polygons_of_rings
 from envs.readers.source import text_of
 from envs.types import DomainError
 
@@ -18,17 +18,10 @@ def polygons_of_json(path: Path, edge_length: float | None = None) -> list[list[
     if isinstance(data, list):
         return [[data]]
     if isinstance(data, dict) and "rings" in data:
-        return [listed(data["rings"], source)]
+        return polygons_of_rings(data, source)
     if isinstance(data, dict) and "type" in data:
         return polygons_of_geojson(data, source)
     raise DomainError(f"{source}: neither GeoJSON (no 'type') nor a list of [x, y] pairs; give one of the two")
-
-
-def listed(rings: Any, source: str) -> list[Any]:
-    """The rings of ``{"rings": ...}``."""
-    if not isinstance(rings, list) or not rings:
-        raise DomainError(f"{source}: 'rings' is no list of rings; give the outer ring and then the holes")
-    return rings
 
 
 def parsed(text: str, source: str) -> Any:
