@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -223,7 +223,7 @@ def test_graded_sizes_stay_between_the_two_ends(seed: int, n: int, grading: floa
 def walls(domains: list[Domain]) -> None:
     """Assert that neighbours have the same vertices wherever their boundaries run along each other."""
     shapes = [shapely.Polygon(domain.points[: len(domain.segments)]) for domain in domains]
-    for i, j in ((i, j) for i in range(len(domains)) for j in range(i)):
+    for i, j in combinations(range(len(domains)), 2):
         common = shapely.intersection(shapes[i].boundary, shapes[j].boundary)
         near = [
             {p for p in rows(domain.points) if shapely.dwithin(common, shapely.Point(p), 1e-9)}
@@ -286,7 +286,7 @@ def test_polygons_without_a_length_are_as_given(tmp_path: Path) -> None:
     assert [domain.name for domain in domains] == ["part[0]", "part[1]"]
     assert [len(domain.ring) for domain in domains] == [4, 4]
     path.write_text("MULTIPOLYGON (((0 0, 2 0, 2 2, 0 0)), ((2 0, 5 0, 5 2, 2 2, 2 0)))")
-    with pytest.raises(DomainError, match="part.wkt: polygon 0: outer ring: 3 vertices"):
+    with pytest.raises(DomainError, match=r"part\.wkt: polygon 0: outer ring: 3 vertices"):
         load_all(path)
 
 

@@ -201,7 +201,7 @@ def test_a_drawing_without_an_outline_says_what_is_in_it(tmp_path: Path) -> None
         load(saved(document, tmp_path))
     path = tmp_path / "none.dxf"
     path.write_text("no drawing")
-    with pytest.raises(DomainError, match="none.dxf: not a valid DXF drawing"):
+    with pytest.raises(DomainError, match=r"none\.dxf: not a valid DXF drawing"):
         load(path)
 
 
@@ -213,5 +213,5 @@ def test_blocks_in_blocks_end(tmp_path: Path) -> None:
             if level:
                 block.add_blockref(f"b{level - 1}", (0, 0))
     space.add_blockref("b11", (0, 0))
-    with pytest.raises(DomainError, match="more than .* inserted blocks"):
+    with pytest.raises(DomainError, match=r"more than .* inserted blocks"):
         load(saved(document, tmp_path))

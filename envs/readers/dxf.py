@@ -118,7 +118,7 @@ def visible(drawing: Any, source: str) -> Iterator[Any]:
         taken += 1
         if taken > MOST_ENTITIES or blocks > MOST_BLOCKS:
             raise DomainError(
-                f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; simplify the drawing"
+                f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; simplify it"
             )
         if entity.dxf.layer.lower() in hidden or entity.dxf.get("invisible", 0):
             continue

@@ -367,8 +367,8 @@ def ring_of(model: Model, flat: dict[int, Floats], loop: int, source: str) -> Fl
         if node not in (first, last):
             line = model.curves[tag].line
             raise DomainError(
-                f"{source}: loop {loop}: curve {tag} of line {line} does not begin at point {node}, where the one before "
-                "ends; put the curves in order"
+                f"{source}: loop {loop}: curve {tag} of line {line} does not begin at point {node}, where the one "
+                "before ends; put the curves in order"
             )
         pieces.append(flat[tag][:-1] if node == first else flat[tag][:0:-1])
         node = last if node == first else first

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from envs.rings import signed_area
+from envs.rings import LARGEST_COORDINATE
 from envs.types import Floats
 
 #: The rings of one polygon, the outer one first.
@@ -35,8 +35,9 @@ def nested(groups: Sequence[Sequence[Rings]]) -> list[Rings]:
     """
     groups = without_copies(groups)
     outlines = [outline_of(group) for group in groups]
-    areas = [sum(abs(signed_area(ring)) for ring in outline) for outline in outlines]
-    around = containing(outlines, areas)
+    shapes = [shape_of(outline) for outline in outlines]
+    areas = shapely.area(shapes).tolist()
+    around = containing(shapes, areas)
     polygons: dict[tuple[int, int], Rings] = {
         (g, f): list(rings)
         for g, group in enumerate(groups)
@@ -67,10 +68,9 @@ def outline_of(group: Sequence[Rings]) -> Rings:
     return [np.asarray(part.exterior.coords)[:-1] for part in shapely.get_parts(whole)]
 
 
-def containing(outlines: Sequence[Rings], areas: Sequence[float]) -> list[list[int]]:
-    """For each outline the larger ones that contain it; broken ones are in nothing and contain nothing."""
-    shapes = [shape_of(outline) for outline in outlines]
-    found: list[list[int]] = [[] for _ in outlines]
+def containing(shapes: Sequence[shapely.Geometry], areas: Sequence[float]) -> list[list[int]]:
+    """For each shape the larger ones that contain it."""
+    found: list[list[int]] = [[] for _ in shapes]
     inner, outer = shapely.STRtree(shapes).query(shapely.point_on_surface(shapes), predicate="within")
     for i, j in zip(inner.tolist(), outer.tolist(), strict=True):
         if areas[j] > areas[i]:
@@ -80,7 +80,7 @@ def containing(outlines: Sequence[Rings], areas: Sequence[float]) -> list[list[i
 
 def shape_of(outline: Rings) -> shapely.Geometry:
     """What an outline encloses; nothing when it is broken, which is for the checks of the rings to say."""
-    shapes = [shapely.Polygon(ring) for ring in outline if len(ring) > 2 and np.isfinite(ring).all()]
+    shapes = [shapely.Polygon(r) for r in outline if len(r) > 2 and (np.abs(r) <= LARGEST_COORDINATE).all()]
     whole = shapely.MultiPolygon(shapes)
     return whole if whole.is_valid else shapely.MultiPolygon()
 
