@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class Run:
     nodes: tuple[int, int]
     turn: float
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Length along the run."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from envs.rings import MOST_VERTICES
 from envs.types import Floats
 
 #: Without an edge length, a chord stays within this share of the drawing's extent of its curve ...
@@ -24,7 +25,7 @@ FINE_STEP = 1 / 8
 #: ... what they turn by at most (radians) ...
 FINE_TURN = np.radians(2.0)
 
-#: ... and the shortest of them, over the drawing's extent, so that no edge length makes a drawing endless.
+#: ... and the shortest of them, over the drawing's extent: with so many an outline is as smooth as it needs to be.
 LEAST_STEP = 5e-6
 
 #: Chords of one smooth span at most.
@@ -59,8 +60,9 @@ def flattening(extent: float, edge_length: float | None) -> Flattening:
     Args:
         extent: diagonal of the drawing's bounding box.
         edge_length: what the outline is to be discretised by afterwards; None: the chords are the boundary segments.
+            One so small that no boundary can have it is left for the discretisation to refuse.
     """
-    if edge_length is None:
+    if edge_length is None or extent > MOST_VERTICES * edge_length:
         return Flattening(sagitta=SAGITTA * extent, step=np.inf, turn=TURN)
     return Flattening(sagitta=np.inf, step=max(FINE_STEP * edge_length, LEAST_STEP * extent), turn=FINE_TURN)
 

@@ -49,10 +49,16 @@ def discretised(
         wanted = [Sizes(run.length, longest, (longest, longest)) for run in graph.runs]
         counts = np.ones(len(graph.runs), dtype=np.int64)
     else:
+        # Sizes above the edge length do not occur, so this is the least that is possible.
+        perimeter = sum(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum() for rings in polygons for r in rings)
+        check_count(perimeter / edge_length, source, "use a larger edge length")
         graph = boundary(conforming(polygons), coarse=edge_length)
         wanted = sizes(graph, edge_length, grading)
         counts = counts_of(graph, wanted, source)
     even_counts(graph, wanted, counts, source)
+    for polygon in graph.rings:
+        total = int(sum(counts[use.run] for ring in polygon for use in ring))
+        check_count(total, source, "use a larger edge length", holes=len(polygon) > 1)
     vertices = [placed(run, size, int(count)) for run, size, count in zip(graph.runs, wanted, counts, strict=True)]
     return [
         [

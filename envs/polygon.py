@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import ArrayLike
 
 from envs import given_seam, seam
-from envs.rings import as_ring, check_crossings, check_distinct, check_nesting, outline, with_even_count
+from envs.rings import as_ring, check_count, check_crossings, check_distinct, check_nesting, outline, with_even_count
 from envs.types import Domain, DomainError, Floats
 
 
@@ -33,6 +33,7 @@ def from_rings(
         DomainError: what makes it unfit for a mesh of quadrilaterals: source, place and fix in one line.
     """
     rings = apart([as_ring(ring, name, i) for i, ring in enumerate([outer, *holes])], name)
+    check_count(sum(len(ring) for ring in rings), name, holes=len(rings) > 1)
     return seam.join(name, with_even_count(rings, name, fix_parity))
 
 

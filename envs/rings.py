@@ -18,6 +18,9 @@ from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
 #: Vertices of a boundary at most.
 MOST_VERTICES = 1_000_000
 
+#: Vertices of a polygon with holes at most: the triangulation that finds seams takes time with their square.
+MOST_WITH_HOLES = 50_000
+
 #: Coordinates beyond this, or domains smaller than its inverse, would overflow when squared or multiplied.
 LARGEST_COORDINATE = 1e100
 
@@ -74,10 +77,13 @@ def oriented(ring: Floats, counterclockwise: bool) -> Floats:
     return np.concatenate([ring[:1], ring[:0:-1]])
 
 
-def check_count(vertices: float, source: str, fix: str = "split or simplify the polygon") -> None:
-    """Refuse more than ``MOST_VERTICES``."""
-    if vertices > MOST_VERTICES:
-        raise DomainError(f"{source}: {vertices:,.0f} vertices, at most {MOST_VERTICES:,} are possible; {fix}")
+def check_count(
+    vertices: float, source: str, fix: str = "split or simplify the polygon", *, holes: bool = False
+) -> None:
+    """Refuse more than ``MOST_VERTICES``, or with holes ``MOST_WITH_HOLES``."""
+    most, what = (MOST_WITH_HOLES, " with holes") if holes else (MOST_VERTICES, "")
+    if vertices > most:
+        raise DomainError(f"{source}: {vertices:,.0f} vertices{what}, at most {most:,} are possible; {fix}")
 
 
 def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int = 4) -> Floats:

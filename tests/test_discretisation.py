@@ -131,6 +131,13 @@ def test_outlines_that_are_too_coarse_or_too_fine_are_refused() -> None:
         from_shape(L_SHAPE, edge_length=1e-6)
 
 
+def test_holes_allow_fewer_vertices() -> None:
+    with pytest.raises(
+        DomainError, match=r"^polygon: 67,\d+ vertices with holes, at most 50,000 are possible; use a larger"
+    ):
+        from_shape([L_SHAPE, HOLE], edge_length=0.00033)
+
+
 @pytest.mark.parametrize(("options", "message"), [
     ({"edge_length": 0.0}, "edge length 0.0; give a positive number"),
     ({"edge_length": -1.0}, "edge length -1.0; give a positive"),

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from envs.readers.dxf import polygons_of_dxf
 from envs.readers.geo import polygons_of_geo
 from envs.readers.json_text import polygons_of_json
@@ -40,7 +42,8 @@ def read(path: Path, edge_length: float | None = None) -> Polygons:
     if reader is None:
         raise DomainError(f"{path}: unknown extension {path.suffix!r}; use one of {', '.join(READERS)}")
     check_file(path)
-    polygons = reader(path, edge_length)
+    with np.errstate(all="ignore"):  # numbers beyond floats are for the checks of the rings to name
+        polygons = reader(path, edge_length)
     check_count(sum(len(ring) for rings in polygons for ring in rings if hasattr(ring, "__len__")), str(path))
     return polygons
 

@@ -184,7 +184,10 @@ def nodes_2(data: Section, binary: bool) -> tuple[Floats, Index]:
     if not binary:
         count = data.one(SIZE)
         table = data.take(FLOAT, 4 * count).reshape(-1, 4)
-        return table[:, 1:], Index(table[:, 0].astype(np.int64))
+        tags = table[:, 0].astype(np.int64)
+        if (tags != table[:, 0]).any():
+            raise ValueError("a node tag that is no whole number")
+        return table[:, 1:], Index(tags)
     line, _, rows = data.content.partition(b"\n")
     count = int(line)
     if not 0 <= count * 28 <= len(rows):

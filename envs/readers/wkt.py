@@ -16,8 +16,7 @@ def polygons_of_wkt(path: Path, edge_length: float | None = None) -> list[list[A
     """The rings of every polygon in a WKT file."""
     source = str(path)
     try:
-        with np.errstate(all="ignore"):  # numbers beyond floats are for the checks of the rings to name
-            shape = shapely.from_wkt(text_of(path).strip())
+        shape = shapely.from_wkt(text_of(path).strip())
     except shapely.errors.ShapelyError as error:
         reason = str(error).splitlines()[0]
         raise DomainError(f"{source}: not valid WKT ({reason}); give POLYGON ((x y, x y, ...)), closed") from None
