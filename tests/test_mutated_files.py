@@ -28,16 +28,23 @@ def dxf_pairs(*pairs: tuple[int, object]) -> str:
 
 
 def dxf_text() -> str:
-    """A drawing of the first version's few words: a chain of lines and an arc, a bulged polyline and a circle."""
+    """A drawing of the first version's few words: chained lines, arc and spline, a bulged polyline, round holes."""
     entities: list[tuple[int, object]] = []
-    for (x, y), (u, v) in (((0, 0), (8, 0)), ((8, 0), (8, 6)), ((0, 6), (0, 0))):
+    for (x, y), (u, v) in (((0, 0), (8, 0)), ((8, 0), (8, 6))):
         entities += [(0, "LINE"), (8, "0"), (10, x), (20, y), (11, u), (21, v)]
     entities += [(0, "ARC"), (8, "0"), (10, 4), (20, 6), (40, 4), (50, 0), (51, 180)]
+    header = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1015"), (0, "ENDSEC")]
+    entities += [(0, "SPLINE"), (100, "AcDbEntity"), (8, "0"), (100, "AcDbSpline"), (70, 8), (71, 3), (72, 8), (73, 4)]
+    entities += [(40, knot) for knot in (0, 0, 0, 0, 1, 1, 1, 1)]
+    for x, y in ((0, 6), (-1, 4), (1, 2), (0, 0)):
+        entities += [(10, x), (20, y), (30, 0)]
+    entities += [(0, "ELLIPSE"), (100, "AcDbEntity"), (8, "0"), (100, "AcDbEllipse"), (10, 6), (20, 1.5)]
+    entities += [(11, 1), (21, 0), (31, 0), (40, 0.5), (41, 0), (42, 6.2831853)]
     entities += [(0, "POLYLINE"), (8, "0"), (66, 1), (70, 1)]
     for x, y, bulge in ((1, 1, 0), (2, 1, 0.5), (2, 2, 0), (1, 2, 0)):
         entities += [(0, "VERTEX"), (8, "0"), (10, x), (20, y), (42, bulge)]
     entities += [(0, "SEQEND"), (8, "0"), (0, "CIRCLE"), (8, "0"), (10, 5), (20, 3), (40, 1)]
-    return dxf_pairs((0, "SECTION"), (2, "ENTITIES"), *entities, (0, "ENDSEC"), (0, "EOF"))
+    return dxf_pairs(*header, (0, "SECTION"), (2, "ENTITIES"), *entities, (0, "ENDSEC"), (0, "EOF"))
 
 
 GEO = """lc = 1 / 2; r = Sqrt(4);

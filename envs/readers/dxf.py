@@ -58,14 +58,24 @@ def polygons_of_dxf(path: Path, edge_length: float | None = None) -> list[list[A
     """
     source = str(path)
     drawing = drawing_of(path)
-    # What a broken entity makes ezdxf raise is not documented: anything means a broken file.
     try:
         entities = list(visible(drawing, source))
         strokes = [stroke for entity in entities for stroke in strokes_of(entity)]
+        size = extent_of(strokes, entities, source)
+        pieces = list(flattened(strokes, curves.flattening(size, edge_length), source))
     except DomainError:
         raise
-    except Exception as error:
+    except Exception as error:  # what a broken entity makes ezdxf raise is not documented
         raise DomainError(f"{source}: not a valid DXF drawing ({reason_of(error)}); save it again") from None
+    return nested(loops_of(pieces, size, source))
+
+
+def extent_of(strokes: Sequence[Stroke], entities: Sequence[Any], source: str) -> float:
+    """Diagonal of the strokes' bounding box.
+
+    Raises:
+        DomainError: no strokes among the entities, or coordinates that are no places.
+    """
     if not strokes:
         found = ", ".join(f"{n} {kind}" for kind, n in Counter(e.dxftype() for e in entities).most_common(5))
         raise DomainError(
@@ -75,9 +85,7 @@ def polygons_of_dxf(path: Path, edge_length: float | None = None) -> list[list[A
     hull = np.concatenate([stroke.hull for stroke in strokes])
     if not (np.abs(hull) <= LARGEST_COORDINATE).all():
         raise DomainError(f"{source}: a coordinate is not finite or too large; correct the drawing")
-    size = extent(hull)
-    pieces = list(flattened(strokes, curves.flattening(size, edge_length), source))
-    return nested(loops_of(pieces, size, source))
+    return extent(hull)
 
 
 def drawing_of(path: Path) -> Any:
@@ -96,7 +104,7 @@ def drawing_of(path: Path) -> Any:
             return ezdxf.readfile(path)
         except (ezdxf.DXFError, ValueError):  # type: ignore[attr-defined]
             return recover.readfile(path)[0]
-    except Exception as error:  # as above: a broken file may raise anything
+    except Exception as error:  # nor what a broken file does
         raise DomainError(f"{path}: not a valid DXF drawing ({reason_of(error)}); save it again") from None
 
 
