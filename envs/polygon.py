@@ -9,8 +9,8 @@ import shapely
 from numpy.typing import ArrayLike
 
 from envs import given_seam, seam
-from envs.rings import as_ring, check_crossings, check_distinct, check_nesting, outline, with_even_count
-from envs.types import Domain, DomainError
+from envs.rings import as_ring, check_count, check_crossings, check_distinct, check_nesting, outline, with_even_count
+from envs.types import Domain, DomainError, Floats
 
 
 def from_rings(
@@ -32,11 +32,17 @@ def from_rings(
     Raises:
         DomainError: what makes it unfit for a mesh of quadrilaterals: source, place and fix in one line.
     """
-    rings = [as_ring(ring, name, i) for i, ring in enumerate([outer, *holes])]
+    rings = apart([as_ring(ring, name, i) for i, ring in enumerate([outer, *holes])], name)
+    check_count(sum(len(ring) for ring in rings), name, holes=len(rings) > 1)
+    return seam.join(name, with_even_count(rings, name, fix_parity))
+
+
+def apart(rings: list[Floats], name: str) -> list[Floats]:
+    """The rings, the outer one first, none of which crosses or touches itself or another, the holes side by side."""
     check_distinct(rings, name)
     check_crossings(outline(rings, name))
     check_nesting(rings, name)
-    return seam.join(name, with_even_count(rings, name, fix_parity))
+    return rings
 
 
 def from_polygon(polygon: shapely.Polygon, name: str = "polygon", *, fix_parity: bool = False) -> Domain:
@@ -69,3 +75,16 @@ def from_ring_list(rings: Sequence[ArrayLike], name: str, *, fix_parity: bool = 
     if len(rings) == 1:
         return from_ring_with_seam(rings[0], name, fix_parity=fix_parity)
     return from_rings(rings[0], rings[1:], name, fix_parity=fix_parity)
+
+
+def outlines(rings: Sequence[ArrayLike], name: str) -> list[Floats]:
+    """Rings fit to be discretised: as :func:`from_ring_list` wants them, but of any number from 3 vertices on.
+
+    Raises:
+        DomainError: as :func:`from_ring_list`.
+    """
+    given = [as_ring(ring, name, i, least=3) for i, ring in enumerate(rings)]
+    if len(given) == 1 and len(np.unique(given[0], axis=0)) < len(given[0]):
+        given_seam.opened(name, given[0], fix_parity=True)
+        return given
+    return apart(given, name)

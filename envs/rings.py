@@ -15,6 +15,12 @@ from numpy.typing import ArrayLike
 
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
 
+#: Vertices of a boundary at most.
+MOST_VERTICES = 1_000_000
+
+#: Vertices of a polygon with holes at most: the triangulation that finds seams takes time with their square.
+MOST_WITH_HOLES = 50_000
+
 #: Coordinates beyond this, or domains smaller than its inverse, would overflow when squared or multiplied.
 LARGEST_COORDINATE = 1e100
 
@@ -71,13 +77,23 @@ def oriented(ring: Floats, counterclockwise: bool) -> Floats:
     return np.concatenate([ring[:1], ring[:0:-1]])
 
 
-def as_ring(coordinates: ArrayLike, source: str, index: int = 0) -> Floats:
+def check_count(
+    vertices: float, source: str, fix: str = "split or simplify the polygon", *, holes: bool = False
+) -> None:
+    """Refuse more than ``MOST_VERTICES``, or with holes ``MOST_WITH_HOLES``."""
+    most, what = (MOST_WITH_HOLES, " with holes") if holes else (MOST_VERTICES, "")
+    if vertices > most:
+        raise DomainError(f"{source}: {vertices:,.0f} vertices{what}, at most {most:,} are possible; {fix}")
+
+
+def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int = 4) -> Floats:
     """Coordinates as an (n, 2) float64 ring, without the closing point that repeats the first.
 
     Args:
         coordinates: n pairs of numbers.
         source: the name that messages begin with.
         index: 0 for the outer ring, h + 1 for hole h.
+        least: vertices that an outer ring needs; a hole needs 3.
 
     Raises:
         DomainError: not pairs of finite numbers, too few of them, or repeated neighbours.
@@ -102,7 +118,7 @@ def as_ring(coordinates: ArrayLike, source: str, index: int = 0) -> Floats:
     tolerance = RELATIVE_TOLERANCE * extent(ring)
     if len(ring) > 1 and np.linalg.norm(ring[0] - ring[-1]) <= tolerance:
         ring = ring[:-1]
-    least = 4 if index == 0 else 3
+    least = least if index == 0 else 3
     if len(ring) < least:
         raise DomainError(f"{where}: {len(ring)} vertices, at least {least} are needed; split its segments")
     gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)

@@ -108,7 +108,7 @@ BAD = {
     "json in wkt": ("a.wkt", "[[0, 0]]", "not valid WKT"),
     "open wkt": ("a.wkt", "POLYGON ((0 0, 4 0, 4 4, 0 4))", "not valid WKT .*closed"),
     "wkt and more": ("a.wkt", "POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0)) x", "not valid WKT"),
-    "wkt line": ("a.txt", "LINESTRING (0 0, 1 1)", "a WKT LINESTRING where a POLYGON"),
+    "wkt line": ("a.txt", "LINESTRING (0 0, 1 1)", "a LINESTRING where a POLYGON"),
     "wkt empty": ("a.txt", "POLYGON EMPTY", "an empty POLYGON"),
     "wkt two": ("a.txt", "MULTIPOLYGON (((0 0, 4 0, 4 4, 0 0)), ((9 9, 8 9, 9 8, 9 9)))", "2 polygons where"),
     "extension": ("a.stl", "solid", r"unknown extension '.stl'; use one of .geojson, .json, .wkt, .txt"),

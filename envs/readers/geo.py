@@ -1,0 +1,377 @@
+"""Gmsh geometry scripts: plane surfaces of lines, circle and ellipse arcs and splines become polygons.
+
+Understood are Point, Line, Circle, Ellipse, Spline, BSpline, Bezier, Line/Curve Loop, Plane Surface, Transfinite
+Line/Curve (even or by progression), variables and expressions. Curves with a transfinite count keep it unless an edge
+length is asked for. What does not change the outline (Physical, Mesh, Recombine, ...) is passed over; what would
+(For, Extrude, Boolean operations, ...) is refused. Without a plane surface the loops are taken, without loops all
+curves; loops inside loops are then holes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from envs import curves
+from envs.curves import Flattening
+from envs.readers.geo_script import Script, tokens
+from envs.readers.loops import faces
+from envs.readers.nesting import nested
+from envs.readers.source import text_of
+from envs.rings import LARGEST_COORDINATE, check_count, extent
+from envs.types import DomainError, Floats
+
+#: Statements that leave the outline as it is.
+PASSED_OVER = frozenset((
+    "Physical", "Mesh", "General", "Geometry", "Solver", "PostProcessing", "View", "Print", "Printf", "Color",
+    "Recombine", "SetFactory", "Coherence", "Characteristic", "MeshSize", "Field", "Background", "Reverse", "Show",
+    "Hide", "Smoother", "Periodic", "Compound", "Save", "Exit", "Draw", "UnitVector", "SyncModel", "Error", "Warning",
+))  # fmt: skip
+
+#: What curves are called, and the fewest points of each.
+KINDS = {"Line": 2, "Circle": 3, "Ellipse": 3, "Spline": 2, "BSpline": 2, "Bezier": 4}
+
+#: Two directions whose cross product is below this share of their lengths are one.
+PARALLEL = 1e-12
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve as the script states it: its kind, its points' tags, its line in the file."""
+
+    kind: str
+    points: list[int]
+    line: int
+
+
+@dataclass
+class Model:
+    """What a script defines, by tag.
+
+    Attributes:
+        points: coordinates in the plane.
+        curves: the curves.
+        loops: signed curve tags, negative against the curve's direction.
+        surfaces: loop tags, the outer one first.
+        counts: segments and progression ratio of transfinite curves.
+    """
+
+    points: dict[int, tuple[float, float]] = field(default_factory=dict)
+    curves: dict[int, Curve] = field(default_factory=dict)
+    loops: dict[int, list[int]] = field(default_factory=dict)
+    surfaces: dict[int, list[int]] = field(default_factory=dict)
+    counts: dict[int, tuple[int, float]] = field(default_factory=dict)
+
+
+def polygons_of_geo(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+    """The rings of every plane surface in a Gmsh script."""
+    source = str(path)
+    model = model_of(text_of(path), source)
+    if not model.curves:
+        raise DomainError(f"{source}: no curves; give Point, Line and Plane Surface statements")
+    used = np.array([model.points[p] for curve in model.curves.values() for p in curve.points])
+    if not (np.abs(used) <= LARGEST_COORDINATE).all():
+        raise DomainError(f"{source}: a coordinate is not finite or too large; correct the points")
+    fineness = curves.flattening(extent(used), edge_length)
+    flat: dict[int, Floats] = {}
+    total = 0
+    for tag, curve in model.curves.items():
+        as_counted = edge_length is None and tag in model.counts
+        flat[tag] = counted(model, tag, source) if as_counted else flattened(model, curve, fineness, source)
+        total += len(flat[tag])
+        check_count(total, source)
+    rings = {tag: ring_of(model, flat, tag, source) for tag in model.loops}
+    if model.surfaces:
+        return [[rings[loop] for loop in loops] for loops in model.surfaces.values()]
+    if rings:
+        return nested([[[ring]] for ring in rings.values()])
+    node = {tag: i for i, tag in enumerate(model.points)}
+    ends = np.array([(node[c.points[0]], node[c.points[-1]]) for c in model.curves.values()], dtype=np.int64)
+    return nested(faces(list(flat.values()), ends, source))
+
+
+def model_of(text: str, source: str) -> Model:
+    """What a script defines; every tag that it uses is defined."""
+    model = Model()
+    script = Script(source, tokens(text, source))
+    newest: dict[str, dict[int, Any]] = {"p": model.points, "c": model.curves, "l": model.curves,
+                                         "cl": model.loops, "ll": model.loops, "s": model.surfaces}  # fmt: skip
+    for name, table in newest.items():
+        script.counters[f"new{name}"] = lambda table=table: max(table, default=0) + 1  # type: ignore[misc]
+    everything = (model.points, model.curves, model.loops, model.surfaces)
+    script.counters["newreg"] = lambda: max(max(table, default=0) for table in everything) + 1
+    while script.next.kind != "end":
+        statement(script, model)
+    return model
+
+
+def statement(script: Script, model: Model) -> None:
+    """Take one statement into the model."""
+    script.depth = 0
+    if script.taken(";"):
+        return
+    line = script.next.line
+    token = script.take()
+    word, second = token.text, script.next.text
+    if token.kind != "name":
+        script.at -= 1
+        raise script.fault(f"{word[:40]!r} where a statement is needed; correct it")
+    if (word, second) in (("Line", "Loop"), ("Curve", "Loop")):
+        script.take()
+        tag = tag_of(script)
+        model.loops[tag] = known(script, script.tags(), model.curves, "curve")
+    elif (word, second) == ("Plane", "Surface"):
+        script.take()
+        tag = tag_of(script)
+        model.surfaces[tag] = [abs(t) for t in known(script, script.tags(), model.loops, "loop")]
+    elif word == "Transfinite":
+        transfinite(script, model)
+        return
+    elif word == "Point" and second == "(":
+        tag = tag_of(script)
+        coordinates = script.numbers()
+        if len(coordinates) < 2:
+            raise script.fault("a point needs x, y and z; correct the statement")
+        model.points[tag] = (coordinates[0] + 0.0, coordinates[1] + 0.0)
+    elif word in KINDS and second == "(":
+        tag = tag_of(script)
+        points = known(script, script.tags(), model.points, "point")
+        least = KINDS[word]
+        if len(points) < least or (word == "Circle" and len(points) != 3):
+            raise script.fault(f"a {word} of {len(points)} points, {least} are needed; correct the statement")
+        model.curves[tag] = Curve(word, points, line)
+        if script.next.text == "Plane":
+            script.skip_statement()
+            return
+    elif word == "DefineConstant":
+        constants(script)
+    elif script.next.text in ("=", "+=", "-=", "*=", "/="):
+        assignment(script, word)
+    elif word in PASSED_OVER:
+        script.skip_statement()
+        return
+    else:
+        script.at -= 1
+        raise script.fault(f"{word[:40]!r} is not understood here; open the file in Gmsh and save the mesh as .msh")
+    script.expect(";")
+
+
+def tag_of(script: Script) -> int:
+    """The tag in parentheses, and the equals sign."""
+    script.expect("(")
+    tag = script.whole()
+    script.expect(")")
+    script.expect("=")
+    return tag
+
+
+def known(script: Script, tags: list[int], table: dict[int, Any], what: str) -> list[int]:
+    """The tags, all of them defined."""
+    for tag in tags:
+        if abs(tag) not in table:
+            raise script.fault(f"{what} {tag} is not defined before; define it or correct the tag")
+    if not tags:
+        raise script.fault(f"an empty list where a {what} is needed; correct the statement")
+    return tags
+
+
+def assignment(script: Script, name: str) -> None:
+    """``name = value``, or ``+=`` and the like."""
+    operator = script.take().text
+    if script.next.text == "{" or script.next.kind == "text":
+        raise script.fault("a list or a text as a variable is not understood; open the file in Gmsh, save a .msh")
+    value = script.number()
+    if operator != "=":
+        if name not in script.variables:
+            raise script.fault(f"{name[:40]!r} is not set before; set it")
+        before = script.variables[name]
+        if operator == "/=" and value == 0.0:
+            raise script.fault("a division by zero; correct the expression")
+        value = {"+=": before + value, "-=": before - value, "*=": before * value}.get(operator) or before / (
+            value or 1
+        )
+    script.variables[name] = value
+
+
+def constants(script: Script) -> None:
+    """``DefineConstant[ name = value, name = {value, Name "..."} ]``: the values, unless they are set already."""
+    closing = {"[": "]", "{": "}", "(": ")"}.get(script.take().text)
+    if closing is None:
+        raise script.fault("DefineConstant needs brackets; correct the statement")
+    while not script.taken(closing):
+        name = script.take().text
+        script.expect("=")
+        braced = script.taken("{")
+        value = script.number()
+        if braced:
+            depth = 1
+            while depth and script.next.kind != "end":
+                text = script.take().text
+                depth += (text == "{") - (text == "}")
+        script.variables.setdefault(name, value)
+        if script.next.text != closing:
+            script.expect(",")
+
+
+def transfinite(script: Script, model: Model) -> None:
+    """``Transfinite Curve {tags} = points [Using Progression ratio]``; of surfaces it says nothing about outlines."""
+    if script.next.text not in ("Line", "Curve"):
+        script.skip_statement()
+        return
+    script.take()
+    line = script.next
+    tags = known(script, script.tags(), model.curves, "curve")
+    script.expect("=")
+    points = script.whole()
+    if not points >= 2:
+        raise script.fault(f"a transfinite curve of {points} points, at least 2 are needed; correct the statement")
+    check_count(points, f"{script.source}: line {line.line}")
+    ratio = 1.0
+    if script.taken("Using"):
+        law = script.take().text
+        ratio = script.number()
+        if law != "Progression" or not 1e-3 <= ratio <= 1e3:
+            raise script.fault(f"points by {law[:20]} {ratio:g} are not understood; use Progression, or an edge length")
+    script.expect(";")
+    for tag in tags:
+        # Against a curve's direction the sizes shrink by what they grow by along it.
+        model.counts[abs(tag)] = (points - 1, ratio if tag > 0 else 1.0 / ratio)
+
+
+def flattened(model: Model, curve: Curve, fineness: Flattening, source: str) -> Floats:
+    """A curve as a (k, 2) polyline that starts and ends exactly at its end points."""
+    given = np.array([model.points[tag] for tag in curve.points])
+    if curve.kind == "Line" or len(given) == 2:
+        return given
+    if curve.kind == "Circle":
+        return circle_arc(given, fineness, f"{source}: line {curve.line}")
+    if curve.kind == "Ellipse":
+        return ellipse_arc(given, fineness, f"{source}: line {curve.line}")
+    return SPLINES[curve.kind](given, fineness)
+
+
+def circle_arc(given: Floats, fineness: Flattening, where: str) -> Floats:
+    """The arc from a start to an end around a centre (rows 0, 2, 1), the one of less than half a turn."""
+    start, centre, end = given
+    u, v = start - centre, end - centre
+    radius, other = np.linalg.norm(u), np.linalg.norm(v)
+    if radius == 0.0 or abs(radius - other) > 1e-3 * radius:
+        raise DomainError(f"{where}: an arc whose ends are {radius:g} and {other:g} from its centre; correct a point")
+    sweep = float(np.arctan2(u[0] * v[1] - u[1] * v[0], u @ v))
+    if abs(np.sin(sweep / 2.0)) < PARALLEL:
+        raise DomainError(f"{where}: an arc that ends where it starts; split the circle into three or more")
+    return curves.arc_between(start, end, sweep, fineness)
+
+
+def ellipse_arc(given: Floats, fineness: Flattening, where: str) -> Floats:
+    """The arc from a start to an end of the ellipse around a centre, with a point on its major axis.
+
+    In coordinates (x, y) along and across the major axis both ends satisfy x^2 / a^2 + y^2 / b^2 = 1, two linear
+    equations for 1 / a^2 and 1 / b^2. Three points are start, centre and end; the start then lies on the major axis.
+    """
+    start, centre, end = given[0], given[1], given[-1]
+    axis = (given[2] if len(given) > 3 else start) - centre
+    length = float(np.linalg.norm(axis))
+    along = axis / (length or 1.0)
+    across = np.array([-along[1], along[0]])
+    local = np.array([[(p - centre) @ along, (p - centre) @ across] for p in (start, end)])
+    scale = float(np.abs(local).max())
+    fault = DomainError(f"{where}: no ellipse around this centre and axis goes through both ends; correct a point")
+    if length == 0.0 or scale == 0.0:
+        raise fault
+    squares = (local / scale) ** 2
+    if abs(np.linalg.det(squares)) < PARALLEL:
+        raise fault
+    inverse = np.linalg.solve(squares, np.ones(2))
+    if not (inverse > 0.0).all():
+        raise fault
+    a, b = scale / np.sqrt(inverse)
+    first, last = np.arctan2(local[:, 1] / b, local[:, 0] / a)
+    sweep = float((last - first + np.pi) % (2 * np.pi) - np.pi)
+    points = curves.ellipse(centre, a * along, b * across, float(first), sweep, fineness)
+    return curves.pinned(points, start, end)
+
+
+def spline(given: Floats, fineness: Flattening) -> Floats:
+    """A uniform Catmull-Rom spline; a closed one is smooth where it closes, an open one ends by mirrored points."""
+    closed = bool((given[0] == given[-1]).all())
+    before = given[-2] if closed else 2 * given[0] - given[1]
+    after = given[1] if closed else 2 * given[-1] - given[-2]
+    padded = np.concatenate([before[None], given, after[None]])
+    return curves.pinned(curves.cubics(quadruples(padded), curves.CATMULL_ROM, fineness), given[0], given[-1])
+
+
+def b_spline(given: Floats, fineness: Flattening) -> Floats:
+    """A cubic B-spline over uniform knots, clamped at its ends; a closed one is smooth where it closes.
+
+    A closed one does not go through its points, not even through the first; of few points the degree is lower.
+    """
+    if (given[0] == given[-1]).all() and len(given) > 3:
+        around = np.concatenate([given[-2:-1], given, given[1:2]])
+        return curves.cubics(quadruples(around), curves.B_SPLINE, fineness)
+    degree = min(3, len(given) - 1)
+    knots = np.arange(len(given) - degree + 1, dtype=np.float64)
+    clamped = np.concatenate([np.full(degree, knots[0]), knots, np.full(degree, knots[-1])])
+    points = curves.sampled(BSpline(clamped, given, degree), knots, fineness)
+    return curves.pinned(points, given[0], given[-1])
+
+
+def bezier(given: Floats, fineness: Flattening) -> Floats:
+    """A Bezier curve of the degree that its points ask for."""
+    degree = len(given) - 1
+
+    def at(t: Floats) -> Floats:
+        points = np.repeat(given[None], len(t), axis=0)
+        for _ in range(degree):
+            points = points[:, :-1] + t[:, None, None] * (points[:, 1:] - points[:, :-1])
+        return points[:, 0]
+
+    return curves.pinned(curves.sampled(at, np.array([0.0, 1.0]), fineness), given[0], given[-1])
+
+
+def quadruples(points: Floats) -> Floats:
+    """(n - 3, 4, 2): every four consecutive of n points."""
+    return np.stack([points[i : len(points) - 3 + i] for i in range(4)], axis=1)
+
+
+SPLINES: dict[str, Callable[[Floats, Flattening], Floats]] = {"Spline": spline, "BSpline": b_spline, "Bezier": bezier}
+
+
+def counted(model: Model, tag: int, source: str) -> Floats:
+    """A transfinite curve: its stated number of segments, each ``ratio`` times as long as the one before."""
+    segments, ratio = model.counts[tag]
+    steps = ratio ** np.arange(segments, dtype=np.float64) if abs(np.log(ratio)) * segments < 600 else np.ones(segments)
+    share = np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
+    curve = model.curves[tag]
+    fine = flattened(model, curve, Flattening(np.inf, np.inf, np.radians(0.2)), source)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+    points = np.stack([np.interp(share * along[-1], along, fine[:, axis]) for axis in (0, 1)], axis=1)
+    return curves.pinned(points, fine[0], fine[-1])
+
+
+def ring_of(model: Model, flat: dict[int, Floats], loop: int, source: str) -> Floats:
+    """The ring of a loop's curves, end to end; a sign that does not fit is put right, as Gmsh does."""
+    tags = [abs(tag) for tag in model.loops[loop]]
+    ends = [(model.curves[tag].points[0], model.curves[tag].points[-1]) for tag in tags]
+    forward = model.loops[loop][0] > 0
+    if len(tags) > 1 and ends[0][1 if forward else 0] not in ends[1]:
+        forward = not forward
+    start, node = ends[0] if forward else ends[0][::-1]
+    pieces = [flat[tags[0]][:-1] if forward else flat[tags[0]][:0:-1]]
+    for tag, (first, last) in zip(tags[1:], ends[1:], strict=True):
+        if node not in (first, last):
+            line = model.curves[tag].line
+            raise DomainError(
+                f"{source}: loop {loop}: curve {tag} of line {line} does not begin at point {node}, where the one "
+                "before ends; put the curves in order"
+            )
+        pieces.append(flat[tag][:-1] if node == first else flat[tag][:0:-1])
+        node = last if node == first else first
+    if node != start:
+        raise DomainError(f"{source}: loop {loop} ends at point {node} and not at point {start}, its start; close it")
+    return np.concatenate(pieces)

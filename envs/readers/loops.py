@@ -1,0 +1,128 @@
+"""Curves end to end: pieces that meet at their ends become closed loops, and these the faces between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from envs.readers.nesting import Rings
+from envs.rings import place
+from envs.types import DomainError, Floats, Ints
+
+
+def faces(pieces: Sequence[Floats], ends: Ints, source: str) -> list[list[Rings]]:
+    """The faces of each connected part of a drawing.
+
+    Where every end meets one other, a part is a loop and its only face the inside. Where three or more meet, pieces
+    are shared between faces: each region that they bound is one.
+
+    Args:
+        pieces: each (k, 2), k >= 2, from its start to its end; the pieces meet at their ends alone.
+        ends: (p, 2) int64, the nodes that each piece starts and ends at; pieces meet where these are equal.
+        source: the name that messages begin with.
+
+    Returns:
+        For each part its faces, for each face its rings.
+
+    Raises:
+        DomainError: an end that meets no other, or a piece that bounds nothing.
+    """
+    pieces, ends = without_copies(pieces, ends)
+    if not pieces:
+        return []
+    meeting = np.bincount(ends.ravel())
+    for piece, side in np.argwhere(meeting[ends] == 1)[:1]:
+        raise DomainError(open_message(pieces, ends, int(piece), int(side), meeting, source))
+    size = len(meeting)
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
+    part_of = connected_components(graph, directed=False)[1][ends[:, 0]]
+    order = np.argsort(part_of, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(part_of[order])) + 1)
+    parts.sort(key=lambda part: int(part[0]))
+    return [
+        [[loop(pieces, ends, part)]] if meeting[ends[part]].max() == 2 else regions(pieces, part, source)
+        for part in parts
+    ]
+
+
+def without_copies(pieces: Sequence[Floats], ends: Ints) -> tuple[list[Floats], Ints]:
+    """The pieces, each drawn once and none that starts and ends at one node without leaving it."""
+    kept: dict[tuple[int, int, int, tuple[float, ...]], int] = {}
+    for i, (piece, (a, b)) in enumerate(zip(pieces, ends.tolist(), strict=True)):
+        if a == b and len(piece) == 2:
+            continue
+        middle = tuple((piece[len(piece) // 2] + piece[(len(piece) - 1) // 2]).tolist()) if len(piece) > 2 else ()
+        kept.setdefault((min(a, b), max(a, b), len(piece), middle), i)
+    chosen = list(kept.values())
+    return [pieces[i] for i in chosen], ends[chosen].reshape(-1, 2)
+
+
+def loop(pieces: Sequence[Floats], ends: Ints, part: Ints) -> Floats:
+    """The ring of pieces that meet two by two, in the direction of the first."""
+    at: dict[int, list[int]] = {}
+    for i in part.tolist():
+        for node in ends[i].tolist():
+            at.setdefault(node, []).append(i)
+    walked: list[Floats] = []
+    piece = int(part[0])
+    node = int(ends[piece, 0])
+    for _ in part:
+        forward = int(ends[piece, 0]) == node
+        walked.append(pieces[piece][:-1] if forward else pieces[piece][:0:-1])
+        node = int(ends[piece, 1 if forward else 0])
+        one, other = at[node]
+        piece = other if one == piece else one
+    return np.concatenate(walked)
+
+
+def regions(pieces: Sequence[Floats], part: Ints, source: str) -> list[Rings]:
+    """The rings of every region that connected pieces bound."""
+    lines = [shapely.LineString(pieces[i]) for i in part.tolist()]
+    found, cuts, dangles, broken = shapely.polygonize_full(lines)
+    for stray in (*cuts.geoms, *dangles.geoms, *broken.geoms):
+        raise DomainError(
+            f"{source}: the curve from {place(stray.coords[0])} to {place(stray.coords[-1])} has the same region on "
+            "both sides; remove it, or split the curves where they cross"
+        )
+    return [[np.asarray(ring.coords)[:-1] for ring in (region.exterior, *region.interiors)] for region in found.geoms]
+
+
+def open_message(pieces: Sequence[Floats], ends: Ints, piece: int, side: int, meeting: Ints, source: str) -> str:
+    """The line for an end that meets no other, with the nearest open end."""
+    here = pieces[piece][-side]
+    tips = np.array([pieces[i][-s] for i, s in np.argwhere(meeting[ends] == 1) if (i, s) != (piece, side)])
+    line = f"{source}: a curve ends at {place(here)} and no other begins there"
+    if not len(tips):
+        return f"{line}; close the outline"
+    gaps = np.linalg.norm(tips - here, axis=1)
+    nearest = int(np.argmin(gaps))
+    return f"{line}, the nearest open end is {gaps[nearest]:.3g} away at {place(tips[nearest])}; close the outline"
+
+
+def joined(pieces: Sequence[Floats], tolerance: float) -> tuple[list[Floats], Ints]:
+    """Pieces whose ends, where they lie within a tolerance of each other, have been made one point.
+
+    Args:
+        pieces: each (k, 2); of the ends that meet, the first one's coordinates are kept.
+        tolerance: largest distance of ends that meet.
+
+    Returns:
+        The pieces and their (p, 2) end nodes.
+    """
+    tips = np.array([piece[[0, -1]] for piece in pieces]).reshape(-1, 2)
+    points = shapely.points(tips)
+    i, j = shapely.STRtree(points).query(points, predicate="dwithin", distance=tolerance)
+    near = coo_array((np.ones(len(i)), (i, j)), shape=(len(tips), len(tips)))
+    label = connected_components(near, directed=False)[1]
+    _, first = np.unique(label, return_index=True)
+    snapped = tips[first[label]].reshape(-1, 2, 2)
+    together = []
+    for piece, (a, b) in zip(pieces, snapped, strict=True):
+        moved = piece.copy()
+        moved[0], moved[-1] = a, b
+        together.append(moved)
+    return together, label.reshape(-1, 2).astype(np.int64)

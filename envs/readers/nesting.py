@@ -1,0 +1,94 @@
+"""Loops inside loops: which are outer rings, which are holes (the even-odd rule)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from envs.rings import LARGEST_COORDINATE
+from envs.types import Floats
+
+#: The rings of one polygon, the outer one first.
+Rings = list[Floats]
+
+
+def nested(groups: Sequence[Sequence[Rings]]) -> list[Rings]:
+    """Polygons of groups of faces: a group inside an even number of others is solid, inside an odd number a hole.
+
+    ::
+
+        +--------------+      A in nothing: solid
+        | A  +------+  |      B in A: a hole of A
+        |    |B +-+ |  |      C in B and A: solid again
+        |    |  |C| |  |
+        |    |  +-+ |  |      A group of several faces that share sides counts as one: all its faces are solid, or its
+        |    +------+  |      outline is a hole.
+        +--------------+
+
+    Args:
+        groups: each the faces of one connected drawing, each face its rings; groups do not cross each other.
+
+    Returns:
+        The rings of each polygon, outer ones in the order given; of two equal groups one is kept.
+    """
+    groups = without_copies(groups)
+    outlines = [outline_of(group) for group in groups]
+    shapes = [shape_of(outline) for outline in outlines]
+    areas = shapely.area(shapes).tolist()
+    around = containing(shapes, areas)
+    polygons: dict[tuple[int, int], Rings] = {
+        (g, f): list(rings)
+        for g, group in enumerate(groups)
+        if len(around[g]) % 2 == 0
+        for f, rings in enumerate(group)
+    }
+    for g, outline in enumerate(outlines):
+        if len(around[g]) % 2:
+            parent = min(around[g], key=areas.__getitem__)
+            polygons[parent, face_around(groups[parent], outline[0])].extend(outline)
+    return list(polygons.values())
+
+
+def without_copies(groups: Sequence[Sequence[Rings]]) -> list[Sequence[Rings]]:
+    """The groups, each drawn once: drawings often hold the same loop twice."""
+    kept: dict[bytes, Sequence[Rings]] = {}
+    for group in groups:
+        points = np.concatenate([ring for rings in group for ring in rings])
+        kept.setdefault(np.unique(points, axis=0).tobytes(), group)
+    return list(kept.values())
+
+
+def outline_of(group: Sequence[Rings]) -> Rings:
+    """The outermost rings of a group's faces together."""
+    if len(group) == 1:
+        return [group[0][0]]
+    whole = shapely.union_all([shapely.Polygon(rings[0]) for rings in group])
+    return [np.asarray(part.exterior.coords)[:-1] for part in shapely.get_parts(whole)]
+
+
+def containing(shapes: Sequence[shapely.Geometry], areas: Sequence[float]) -> list[list[int]]:
+    """For each shape the larger ones that contain it."""
+    found: list[list[int]] = [[] for _ in shapes]
+    inner, outer = shapely.STRtree(shapes).query(shapely.point_on_surface(shapes), predicate="within")
+    for i, j in zip(inner.tolist(), outer.tolist(), strict=True):
+        if areas[j] > areas[i]:
+            found[i].append(j)
+    return found
+
+
+def shape_of(outline: Rings) -> shapely.Geometry:
+    """What an outline encloses; nothing when it is broken, which is for the checks of the rings to say."""
+    shapes = [shapely.Polygon(r) for r in outline if len(r) > 2 and (np.abs(r) <= LARGEST_COORDINATE).all()]
+    whole = shapely.MultiPolygon(shapes)
+    return whole if whole.is_valid else shapely.MultiPolygon()
+
+
+def face_around(group: Sequence[Rings], hole: Floats) -> int:
+    """Which face of a group contains a hole."""
+    if len(group) == 1:
+        return 0
+    shapes = [shapely.Polygon(rings[0]) for rings in group]
+    inside = shapely.within(shapely.Polygon(hole).point_on_surface(), shapes)
+    return min(np.flatnonzero(inside).tolist(), key=lambda f: shapes[f].area, default=0)

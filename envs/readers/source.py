@@ -1,0 +1,49 @@
+"""What every polygon file goes through first: it must be a file, of a sane size, and text where its format is text."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+from envs.types import DomainError
+
+#: Bytes of a polygon file at most.
+MOST_BYTES = 200_000_000
+
+
+def check_file(path: Path) -> None:
+    """Refuse what is no file, or too large a one.
+
+    Raises:
+        DomainError: no such file, a folder or a device, no permission, or more than ``MOST_BYTES``.
+    """
+    try:
+        status = path.stat()
+        with path.open("rb"):
+            pass
+    except FileNotFoundError:
+        raise DomainError(f"{path}: no such file; check the path") from None
+    except OSError as error:
+        raise DomainError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    except ValueError as error:
+        raise DomainError(f"{path!r}: cannot be read ({error}); check the path") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise DomainError(f"{path}: cannot be read (not a regular file); save the polygon to one")
+    if status.st_size > MOST_BYTES:
+        raise DomainError(
+            f"{path}: {status.st_size / 1e6:.0f} MB, more than the {MOST_BYTES / 1e6:.0f} MB a polygon file may have; "
+            "split or simplify it"
+        )
+
+
+def text_of(path: Path) -> str:
+    """The file's text (UTF-8, with or without a byte-order mark), not empty."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DomainError(f"{path}: not a text file (byte {error.start}); save it as UTF-8") from None
+    except OSError as error:
+        raise DomainError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    if not text.strip():
+        raise DomainError(f"{path}: the file is empty; give a polygon")
+    return text
