@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.action import ACCEPTED, decode, decode_kind
+from envs.action import ACCEPTED, Cut, decode, decode_kind
 from envs.front import (
     A_MAX,
     A_MIN,
@@ -100,6 +100,21 @@ def ring_quality(front: Front) -> float:
 
 
 @inlined
+def terms(front: Front, cut: Cut, numbers: Numbers) -> tuple[float, float, float]:
+    """The reward's terms of an accepted element: eta_e, eta_b, mu."""
+    density = mu(element_area(cut), front.measure[A_MIN], front.measure[A_MAX], numbers.continuous)
+    return eta_e(cut), eta_b(cut, numbers.M_angle), density
+
+
+@inlined
+def take(front: Front, cut: Cut, n_rv: int) -> None:
+    """Cut an accepted element off the front."""
+    x, y, k = cut.x, cut.y, cut.k
+    new = (k + 1) & 3
+    advance(front, cut.start, k, x[new], y[new], x[3], y[3], element_area(cut), n_rv)
+
+
+@inlined
 def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: int, cap: int) -> None:
     """Advance one episode by one action and write row ``i`` of ``out``.
 
@@ -121,11 +136,8 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
         out.truncated[i] = front.counts[INVALID] >= numbers.max_invalid
     else:
         front.counts[INVALID] = 0
-        quality = eta_e(cut)
-        area = element_area(cut)
-        x, y, k = cut.x, cut.y, cut.k
-        new = (k + 1) & 3
-        advance(front, cut.start, k, x[new], y[new], x[3], y[3], area, numbers.n_rv)
+        quality, boundary, density = terms(front, cut, numbers)
+        take(front, cut, numbers.n_rv)
         front.measure[ETA_SUM] += quality
         if front.counts[RING] == 4:
             front.measure[ETA_SUM] += ring_quality(front)
@@ -134,8 +146,6 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
             out.terminated[i] = True
             out.truncated[i] = False
         else:
-            boundary = eta_b(cut, numbers.M_angle)
-            density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.continuous)
             out.terms[i, 0], out.terms[i, 1], out.terms[i, 2] = quality, boundary, density
             out.reward[i] = quality + boundary + density
             out.truncated[i] = front.counts[ELEMENTS] >= cap

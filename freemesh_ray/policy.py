@@ -41,6 +41,7 @@ class Policy:
     layers: Sequence[Layer]
     parameters: MeshingParameters
     about: Mapping[str, Any] = field(default_factory=dict)
+    critic: Sequence[Layer] = ()
 
     def __post_init__(self) -> None:
         width = None

@@ -1,0 +1,76 @@
+"""What is tried where the policy's mean action is invalid, in order: its samples, other vertices, any shape at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from envs.front import Front, reference_slot
+from envs.kernels import slot_tree
+from envs.kernels.compiled import compiled, inlined
+from envs.transition import Numbers
+from freemesh_ray.mesher.agent import Agent, look, mean_action, sampled_action
+from freemesh_ray.mesher.choice import Choice, begin, consider, found
+from freemesh_ray.mesher.shapes import SHAPES, shape
+from freemesh_ray.mesher.trail import NEXT, SAMPLED, WIDE
+
+#: Draws from the policy at a vertex, and uniform draws at a vertex.
+SAMPLES, DRAWS = 16, 32
+#: Vertices tried besides the reference vertex, in the order of their mean angles.
+VERTICES = 8
+#: Nothing found.
+STUCK = -1
+
+
+@inlined
+def sample(
+    choice: Choice, front: Front, slot: int, agent: Agent, draws: int, type2: bool, numbers: Numbers,
+    random: np.random.Generator,
+) -> None:  # fmt: skip
+    """Consider draws from the policy at the slot that the agent looks at."""
+    for _ in range(draws):
+        sampled_action(agent, random, choice.draft)
+        consider(choice, front, slot, agent, True, type2, numbers)
+
+
+@compiled
+def recover(
+    choice: Choice, front: Front, agent: Agent, type2: bool, numbers: Numbers, random: np.random.Generator
+) -> int:
+    """Choose an action where the mean action at the reference vertex is invalid.
+
+    Args:
+        choice: the chosen action; to be read with type 2 if WIDE is returned, else as the policy's.
+        front: as it was before.
+        agent: looks at the reference vertex.
+        type2: whether the policy's own actions have type 2.
+        numbers: the MDP's numbers.
+        random: of the draws.
+
+    Returns:
+        SAMPLED, NEXT, WIDE or STUCK.
+    """
+    begin(choice)
+    sample(choice, front, reference_slot(front), agent, SAMPLES, type2, numbers, random)
+    if found(choice):
+        return SAMPLED
+    slots = np.empty(1 + VERTICES, dtype=np.int64)
+    count = slot_tree.least_slots(front.key, slots)
+    for i in range(1, count):
+        look(agent, front, slots[i], numbers)
+        mean_action(agent, choice.draft)
+        consider(choice, front, slots[i], agent, True, type2, numbers)
+        if not found(choice):
+            sample(choice, front, slots[i], agent, SAMPLES, type2, numbers, random)
+        if found(choice):
+            return NEXT
+    for i in range(count):
+        for index in range(SHAPES):
+            if shape(front, slots[i], index, numbers.n, numbers.alpha, choice.draft):
+                consider(choice, front, slots[i], agent, False, True, numbers)
+        for _ in range(DRAWS):
+            for entry in range(5):
+                choice.draft[entry] = 2.0 * random.random() - 1.0
+            consider(choice, front, slots[i], agent, False, True, numbers)
+        if found(choice):
+            return WIDE
+    return STUCK
