@@ -62,7 +62,7 @@ def agent(policy: Policy) -> Agent:
     )
 
 
-@inlined
+@compiled
 def look(agent: Agent, front: Front, slot: int, numbers: Numbers) -> None:
     """Let the agent see the front from a slot, and run its actor."""
     observe(front, slot, numbers.n, numbers.g, numbers.beta, agent.observation)

@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.action import ACCEPTED, decode
+from envs.action import ACCEPTED
 from envs.front import Front
 from envs.kernels.compiled import compiled, inlined
 from envs.transition import Numbers
 from envs.types import Floats, Ints
 from freemesh_ray.mesher.agent import Agent, immediate_reward, value
+from freemesh_ray.mesher.trail import element
 
 
 class Choice(NamedTuple):
@@ -62,7 +63,7 @@ def consider(
         type2: how the draft is to be read.
         numbers: the MDP's numbers.
     """
-    cut = decode(front, slot, choice.draft, numbers.n, numbers.alpha, type2)
+    cut = element(front, slot, choice.draft, type2, numbers)
     if cut.rejection != ACCEPTED:
         return
     merit = value(agent, choice.draft) if judged and agent.judges else immediate_reward(front, cut, numbers)

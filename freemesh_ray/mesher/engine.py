@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs import front as fr
-from envs.action import ACCEPTED, KINDS, decode, decode_kind
+from envs.action import ACCEPTED, KINDS, decode_kind
 from envs.front import ELEMENTS, RING, Front, close, reference_slot
 from envs.kernels.compiled import compiled
 from envs.mesh import Mesh
@@ -22,7 +22,7 @@ from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
 from freemesh_ray.mesher.choice import Choice, begin, choice, found
 from freemesh_ray.mesher.lookahead import RING_LIMIT, Tree, fill, tree
 from freemesh_ray.mesher.recovery import STUCK, recover, sample
-from freemesh_ray.mesher.trail import LAST, POLICY, SAMPLED, SOURCES, WIDE, Trail, cut_action, cut_off, take_back, trail
+from freemesh_ray.mesher.trail import LAST, POLICY, SAMPLED, SOURCES, WIDE, Trail, cut_action, cut_off, element, take_back, trail
 from freemesh_ray.policy import Policy
 
 #: Times the mesh is taken back: so often with each number of elements, which doubles from 2.
@@ -74,7 +74,7 @@ def run(
             source = SAMPLED
         if not found(choice):
             mean_action(agent, choice.action)
-            cut = decode(front, slot, choice.action, numbers.n, numbers.alpha, numbers.type2)
+            cut = element(front, slot, choice.action, numbers.type2, numbers)
             if cut.rejection == ACCEPTED:
                 cut_off(front, trail, cut, decode_kind(choice.action[0], numbers.type2), POLICY, numbers.n_rv)
                 continue

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.action import ACCEPTED, decode, decode_kind
+from envs.action import ACCEPTED, decode_kind
 from envs.front import RING, Front, reference_slot
 from envs.kernels.compiled import compiled, inlined
 from envs.reward import eta_b, eta_e
@@ -18,7 +18,7 @@ from envs.transition import Numbers, ring_quality
 from envs.types import Floats, Ints
 from freemesh_ray.mesher.agent import Agent, look, mean_action
 from freemesh_ray.mesher.shapes import DISTANCES, shape
-from freemesh_ray.mesher.trail import LOOKAHEAD, Trail, cut_action, cut_off, take_back
+from freemesh_ray.mesher.trail import LOOKAHEAD, Trail, cut_action, cut_off, element, take_back
 
 #: Rings of up to this many vertices are searched.
 RING_LIMIT = 10
@@ -70,7 +70,7 @@ def tree() -> Tree:
 @compiled
 def propose(tree: Tree, level: int, front: Front, slot: int, numbers: Numbers) -> None:
     """Put the draft at a slot among the level's actions if it is valid and one of the best."""
-    cut = decode(front, slot, tree.draft, numbers.n, numbers.alpha, True)
+    cut = element(front, slot, tree.draft, True, numbers)
     if cut.rejection != ACCEPTED:
         return
     merit = eta_e(cut) + eta_b(cut, numbers.M_angle)
@@ -135,7 +135,7 @@ def fill(
         branch = tree.tried[level]
         tree.tried[level] += 1
         slot, action = tree.slot[level, branch], tree.action[level, branch]
-        cut = decode(front, slot, action, numbers.n, numbers.alpha, True)
+        cut = element(front, slot, action, True, numbers)
         quality = eta_e(cut)
         least, total = min(tree.least[level], quality), tree.total[level] + quality
         # All that is still to come could be perfect squares, the least as many as type 0 needs.

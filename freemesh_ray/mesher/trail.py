@@ -8,7 +8,7 @@ import numpy as np
 
 from envs.action import CHAIN_EDGES, Cut, decode, decode_kind
 from envs.front import AREA, ELEMENTS, Front, retreat
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import compiled
 from envs.transition import Numbers, take
 from envs.types import Floats
 
@@ -43,7 +43,13 @@ def trail(elements: int) -> Trail:
     )
 
 
-@inlined
+@compiled
+def element(front: Front, slot: int, action: Floats, type2: bool, numbers: Numbers) -> Cut:
+    """The element that an action asks for at a slot."""
+    return decode(front, slot, action, numbers.n, numbers.alpha, type2)
+
+
+@compiled
 def cut_off(front: Front, trail: Trail, cut: Cut, kind: int, source: int, n_rv: int) -> None:
     """Cut an accepted element off the front and note it."""
     line = front.counts[ELEMENTS]
@@ -57,7 +63,7 @@ def cut_action(
     front: Front, trail: Trail, slot: int, action: Floats, type2: bool, source: int, numbers: Numbers
 ) -> None:
     """Cut the element that a valid action asks for at a slot off the front."""
-    cut = decode(front, slot, action, numbers.n, numbers.alpha, type2)
+    cut = element(front, slot, action, type2, numbers)
     cut_off(front, trail, cut, decode_kind(action[0], type2), source, numbers.n_rv)
 
 
