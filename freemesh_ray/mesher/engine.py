@@ -26,7 +26,7 @@ from freemesh_ray.mesher.trail import LAST, POLICY, SAMPLED, SOURCES, WIDE, Trai
 from freemesh_ray.policy import Policy
 
 #: Times the mesh is taken back: so often with each number of elements, which doubles from 2.
-TRIES, DOUBLINGS = 3, 10
+TRIES, PATIENCE = 3, 30
 #: Draws, of which the best is taken, at a vertex while the mesh grows another way.
 DETOUR_DRAWS = 3
 #: Entries of a tally: times the mesh was taken back, and elements taken back in all.
@@ -56,7 +56,7 @@ class Grown:
 
 @compiled
 def run(
-    front: Front, trail: Trail, agent: Agent, choice: Choice, tree: Tree, numbers: Numbers, cap: int,
+    front: Front, trail: Trail, agent: Agent, choice: Choice, tree: Tree, numbers: Numbers, cap: int, patience: int,
     random: np.random.Generator, tally: Ints,
 ) -> None:  # fmt: skip
     """Mesh a front until it is closed, has ``cap`` elements, or nothing helps."""
@@ -87,7 +87,7 @@ def run(
         if elements > farthest:
             farthest, stuck = elements, 0
         stuck += 1
-        if stuck > TRIES * DOUBLINGS:
+        if stuck > patience:
             break
         depth = 2 << ((stuck - 1) // TRIES)
         detour_end = elements
@@ -99,7 +99,7 @@ def run(
         close(front)
 
 
-def grow(policy: Policy, domain: Domain, seed: int) -> Grown:
+def grow(policy: Policy, domain: Domain, seed: int, *, patience: int = PATIENCE) -> Grown:
     """Mesh a domain.
 
     Args:
@@ -118,7 +118,7 @@ def grow(policy: Policy, domain: Domain, seed: int) -> Grown:
     front = template._replace(points=points, quads=np.zeros((elements, 4), dtype=np.int64))
     log, tally = trail(elements), np.zeros(2, dtype=np.int64)
     run(
-        front, log, agent(policy), choice(), tree(), numbers(parameters), cap, np.random.default_rng(seed), tally
+        front, log, agent(policy), choice(), tree(), numbers(parameters), cap, patience, np.random.default_rng(seed), tally
     )  # fmt: skip
     count = int(front.counts[ELEMENTS])
     mesh = Mesh(

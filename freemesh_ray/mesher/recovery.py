@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from envs.action import ONE, encode_kind
 from envs.front import Front, reference_slot
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined
 from envs.transition import Numbers
 from freemesh_ray.mesher.agent import Agent, look, mean_action, sampled_action
 from freemesh_ray.mesher.choice import Choice, begin, consider, found
-from freemesh_ray.mesher.shapes import SHAPES, shape
+from freemesh_ray.mesher.shapes import HEIGHTS, SHAPES, shape
 from freemesh_ray.mesher.trail import NEXT, SAMPLED, WIDE
 
 #: Draws from the policy at a vertex, and uniform draws at a vertex.
@@ -30,6 +31,22 @@ def sample(
     for _ in range(draws):
         sampled_action(agent, random, choice.draft)
         consider(choice, front, slot, agent, True, type2, numbers)
+
+
+@compiled
+def any_shape(
+    choice: Choice, front: Front, slot: int, agent: Agent, two: bool, numbers: Numbers, random: np.random.Generator
+) -> None:
+    """Consider well-shaped elements and uniform draws at a slot, ``two``: those with two new vertices among them."""
+    for index in range(SHAPES if two else SHAPES - len(HEIGHTS)):
+        if shape(front, slot, index, numbers.n, numbers.alpha, choice.draft):
+            consider(choice, front, slot, agent, False, True, numbers)
+    for _ in range(DRAWS):
+        for entry in range(5):
+            choice.draft[entry] = 2.0 * random.random() - 1.0
+        if not two:
+            choice.draft[0] = encode_kind(ONE, True)
+        consider(choice, front, slot, agent, False, True, numbers)
 
 
 @compiled
@@ -53,6 +70,9 @@ def recover(
     sample(choice, front, reference_slot(front), agent, SAMPLES, type2, numbers, random)
     if found(choice):
         return SAMPLED
+    any_shape(choice, front, reference_slot(front), agent, False, numbers, random)
+    if found(choice):
+        return WIDE
     slots = np.empty(1 + VERTICES, dtype=np.int64)
     count = slot_tree.least_slots(front.key, slots)
     for i in range(1, count):
@@ -64,13 +84,7 @@ def recover(
         if found(choice):
             return NEXT
     for i in range(count):
-        for index in range(SHAPES):
-            if shape(front, slots[i], index, numbers.n, numbers.alpha, choice.draft):
-                consider(choice, front, slots[i], agent, False, True, numbers)
-        for _ in range(DRAWS):
-            for entry in range(5):
-                choice.draft[entry] = 2.0 * random.random() - 1.0
-            consider(choice, front, slots[i], agent, False, True, numbers)
+        any_shape(choice, front, slots[i], agent, True, numbers, random)
         if found(choice):
             return WIDE
     return STUCK
