@@ -26,7 +26,7 @@ from freemesh_ray.mesher.trail import LAST, POLICY, SAMPLED, SOURCES, WIDE, Trai
 from freemesh_ray.policy import Policy
 
 #: Times the mesh is taken back: so often with each number of elements, which doubles from 2.
-TRIES, PATIENCE = 3, 30
+TRIES, PATIENCE, SERIES, WANDER = 3, 30, 15, 32
 #: Draws, of which the best is taken, at a vertex while the mesh grows another way.
 DETOUR_DRAWS = 3
 #: Entries of a tally: times the mesh was taken back, and elements taken back in all.
@@ -61,10 +61,11 @@ def run(
 ) -> None:  # fmt: skip
     """Mesh a front until it is closed, has ``cap`` elements, or nothing helps."""
     detour_end = 0  # elements up to which actions are drawn
-    farthest = stuck = 0
+    farthest = stuck = wander_end = 0
     while front.counts[RING] > 4 and front.counts[ELEMENTS] < cap:
         if front.counts[RING] <= RING_LIMIT and fill(tree, front, trail, agent, numbers.type2, numbers):
             break
+        elements = front.counts[ELEMENTS]
         slot = reference_slot(front)
         look(agent, front, slot, numbers)
         source = POLICY
@@ -78,17 +79,19 @@ def run(
             if cut.rejection == ACCEPTED:
                 cut_off(front, trail, cut, decode_kind(choice.action[0], numbers.type2), POLICY, numbers.n_rv)
                 continue
-            source = recover(choice, front, agent, numbers.type2, numbers, random)
+            source = recover(choice, front, agent, numbers.type2, elements < wander_end, numbers, random)
         if source != STUCK:
             type2 = numbers.type2 or source == WIDE
             cut_action(front, trail, choice.slot[0], choice.action, type2, source, numbers)
             continue
-        elements = front.counts[ELEMENTS]
         if elements > farthest:
             farthest, stuck = elements, 0
         stuck += 1
         if stuck > patience:
             break
+        if (stuck == SERIES or elements == 0) and elements >= wander_end:
+            wander_end = elements + WANDER
+            continue
         depth = 2 << ((stuck - 1) // TRIES)
         detour_end = elements
         tally[BACKTRACKS] += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from envs.action import ONE, encode_kind
-from envs.front import Front, reference_slot
+from envs.front import Front, interior_angle, reference_slot
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined
 from envs.transition import Numbers
@@ -20,6 +20,7 @@ SAMPLES, DRAWS = 16, 32
 VERTICES = 8
 #: Nothing found.
 STUCK = -1
+STRAIGHT = 2.0943951
 
 
 @inlined
@@ -51,7 +52,7 @@ def any_shape(
 
 @compiled
 def recover(
-    choice: Choice, front: Front, agent: Agent, type2: bool, numbers: Numbers, random: np.random.Generator
+    choice: Choice, front: Front, agent: Agent, type2: bool, wander: bool, numbers: Numbers, random: np.random.Generator
 ) -> int:
     """Choose an action where the mean action at the reference vertex is invalid.
 
@@ -70,9 +71,12 @@ def recover(
     sample(choice, front, reference_slot(front), agent, SAMPLES, type2, numbers, random)
     if found(choice):
         return SAMPLED
-    any_shape(choice, front, reference_slot(front), agent, False, numbers, random)
+    straight = interior_angle(front, reference_slot(front)) > STRAIGHT
+    any_shape(choice, front, reference_slot(front), agent, straight, numbers, random)
     if found(choice):
         return WIDE
+    if not wander:
+        return STUCK
     slots = np.empty(1 + VERTICES, dtype=np.int64)
     count = slot_tree.least_slots(front.key, slots)
     for i in range(1, count):
