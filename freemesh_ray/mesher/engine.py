@@ -20,13 +20,14 @@ from envs.transition import Numbers, numbers
 from envs.types import Domain, Ints
 from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
 from freemesh_ray.mesher.choice import Choice, begin, choice, found
+from freemesh_ray.mesher.detour import elements_back, is_near, mark
 from freemesh_ray.mesher.lookahead import RING_LIMIT, Tree, fill, tree
 from freemesh_ray.mesher.recovery import STUCK, recover, sample
 from freemesh_ray.mesher.trail import LAST, POLICY, SAMPLED, SOURCES, WIDE, Trail, cut_action, cut_off, element, take_back, trail
 from freemesh_ray.policy import Policy
 
 #: Times the mesh is taken back: so often with each number of elements, which doubles from 2.
-TRIES, PATIENCE, SERIES, WANDER = 3, 30, 15, 32
+TRIES, DOUBLINGS, PATIENCE, WANDER, SLACK, WORK = 3, 7, 30, 32, 20000, 4
 #: Draws, of which the best is taken, at a vertex while the mesh grows another way.
 DETOUR_DRAWS = 3
 #: Entries of a tally: times the mesh was taken back, and elements taken back in all.
@@ -60,6 +61,7 @@ def run(
     random: np.random.Generator, tally: Ints,
 ) -> None:  # fmt: skip
     """Mesh a front until it is closed, has ``cap`` elements, or nothing helps."""
+    place = np.zeros(3)
     detour_end = 0  # elements up to which actions are drawn
     farthest = stuck = wander_end = 0
     while front.counts[RING] > 4 and front.counts[ELEMENTS] < cap:
@@ -70,7 +72,7 @@ def run(
         look(agent, front, slot, numbers)
         source = POLICY
         begin(choice)
-        if front.counts[ELEMENTS] < detour_end:
+        if elements < detour_end and is_near(front, slot, place):
             sample(choice, front, slot, agent, DETOUR_DRAWS, numbers.type2, numbers, random)
             source = SAMPLED
         if not found(choice):
@@ -84,19 +86,22 @@ def run(
             type2 = numbers.type2 or source == WIDE
             cut_action(front, trail, choice.slot[0], choice.action, type2, source, numbers)
             continue
+        if tally[TAKEN_BACK] > SLACK + WORK * elements:
+            break
         if elements > farthest:
             farthest, stuck = elements, 0
         stuck += 1
-        if stuck > patience:
-            break
-        if (stuck == SERIES or elements == 0) and elements >= wander_end:
+        if (stuck > TRIES * DOUBLINGS or elements == 0) and elements >= wander_end:
             wander_end = elements + WANDER
             continue
-        depth = 2 << ((stuck - 1) // TRIES)
+        if stuck > patience:
+            break
+        mark(front, slot, place)
+        back = elements_back(front, elements, 1 << ((stuck - 1) // TRIES), place)
         detour_end = elements
         tally[BACKTRACKS] += 1
-        tally[TAKEN_BACK] += min(depth, elements)
-        take_back(front, trail, depth, numbers.n_rv)
+        tally[TAKEN_BACK] += back
+        take_back(front, trail, back, numbers.n_rv)
     if front.counts[RING] == 4:
         trail.source[front.counts[ELEMENTS]] = LAST
         close(front)
