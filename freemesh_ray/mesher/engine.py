@@ -22,12 +22,12 @@ from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
 from freemesh_ray.mesher.choice import Choice, begin, choice, found
 from freemesh_ray.mesher.detour import elements_back, is_near, mark
 from freemesh_ray.mesher.lookahead import RING_LIMIT, Tree, fill, tree
-from freemesh_ray.mesher.recovery import STUCK, recover, sample
+from freemesh_ray.mesher.recovery import STUCK, recover, sample, scatter
 from freemesh_ray.mesher.trail import LAST, POLICY, SAMPLED, SOURCES, WIDE, Trail, cut_action, cut_off, element, take_back, trail
 from freemesh_ray.policy import Policy
 
 #: Times the mesh is taken back: so often with each number of elements, which doubles from 2.
-TRIES, DOUBLINGS, PATIENCE, WANDER, SLACK, WORK = 3, 7, 30, 32, 20000, 4
+TRIES, DOUBLINGS, PATIENCE, WANDER, SLACK, WORK = 4, 7, 40, 32, 20000, 4
 #: Draws, of which the best is taken, at a vertex while the mesh grows another way.
 DETOUR_DRAWS = 3
 #: Entries of a tally: times the mesh was taken back, and elements taken back in all.
@@ -73,8 +73,12 @@ def run(
         source = POLICY
         begin(choice)
         if elements < detour_end and is_near(front, slot, place):
-            sample(choice, front, slot, agent, DETOUR_DRAWS, numbers.type2, numbers, random)
-            source = SAMPLED
+            if stuck % 2:
+                sample(choice, front, slot, agent, DETOUR_DRAWS, numbers.type2, numbers, random)
+                source = SAMPLED
+            else:
+                scatter(choice, front, slot, agent, 2 * DETOUR_DRAWS, False, numbers, random)
+                source = WIDE
         if not found(choice):
             mean_action(agent, choice.action)
             cut = element(front, slot, choice.action, numbers.type2, numbers)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.action import ONE, encode_kind
 from envs.front import Front, interior_angle, reference_slot
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined
@@ -35,6 +34,20 @@ def sample(
 
 
 @compiled
+def scatter(
+    choice: Choice, front: Front, slot: int, agent: Agent, draws: int, two: bool, numbers: Numbers,
+    random: np.random.Generator,
+) -> None:  # fmt: skip
+    """Consider uniform draws of all actions at a slot, ``two``: those with two new vertices among them."""
+    share = 1.0 if two else 0.75
+    for _ in range(draws):
+        for entry in range(5):
+            choice.draft[entry] = 2.0 * random.random() - 1.0
+        choice.draft[0] = share * (choice.draft[0] + 1.0) - 1.0
+        consider(choice, front, slot, agent, False, True, numbers)
+
+
+@compiled
 def any_shape(
     choice: Choice, front: Front, slot: int, agent: Agent, two: bool, numbers: Numbers, random: np.random.Generator
 ) -> None:
@@ -42,12 +55,7 @@ def any_shape(
     for index in range(SHAPES if two else SHAPES - len(HEIGHTS)):
         if shape(front, slot, index, numbers.n, numbers.alpha, choice.draft):
             consider(choice, front, slot, agent, False, True, numbers)
-    for _ in range(DRAWS):
-        for entry in range(5):
-            choice.draft[entry] = 2.0 * random.random() - 1.0
-        if not two:
-            choice.draft[0] = encode_kind(ONE, True)
-        consider(choice, front, slot, agent, False, True, numbers)
+    scatter(choice, front, slot, agent, DRAWS, two, numbers, random)
 
 
 @compiled
