@@ -47,7 +47,9 @@ def agent(policy: Policy) -> Agent:
     """The compiled view of a policy; a single critic stands for both of a pair."""
     inputs, size = policy.parameters.observation_size, policy.parameters.action_size
     nothing = [(np.zeros((inputs + size, 1)), np.zeros(1))]
-    critics = [[(w[i], b[i]) for w, b in policy.critic] for i in range(len(policy.critic[0][0]))] if policy.critic else []
+    critics = (
+        [[(w[i], b[i]) for w, b in policy.critic] for i in range(len(policy.critic[0][0]))] if policy.critic else []
+    )
     return Agent(
         actor=pack(policy.layers),
         critic_1=pack(critics[0] if critics else nothing),

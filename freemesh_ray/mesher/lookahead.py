@@ -33,7 +33,7 @@ class Tree(NamedTuple):
         action: (DEPTH, BRANCHES, 5) float64, read with type 2.
         slot: (DEPTH, BRANCHES) int64.
         merit: (DEPTH, BRANCHES) float64.
-        count, tried: (DEPTH,) int64, actions on a level, and how many of them have been pursued.
+        width, tried: (DEPTH,) int64, actions on a level, and how many of them have been pursued.
         least, total: (DEPTH + 1,) float64, least and sum of eta_e of the elements above a level.
         best_action, best_slot: (DEPTH, 5) float64 and (DEPTH,) int64, the best filling.
         draft: (5,) float64.
@@ -42,7 +42,7 @@ class Tree(NamedTuple):
     action: Floats
     slot: Ints
     merit: Floats
-    count: Ints
+    width: Ints
     tried: Ints
     least: Floats
     total: Floats
@@ -57,7 +57,7 @@ def tree() -> Tree:
         action=np.zeros((DEPTH, BRANCHES, 5)),
         slot=np.zeros((DEPTH, BRANCHES), dtype=np.int64),
         merit=np.zeros((DEPTH, BRANCHES)),
-        count=np.zeros(DEPTH, dtype=np.int64),
+        width=np.zeros(DEPTH, dtype=np.int64),
         tried=np.zeros(DEPTH, dtype=np.int64),
         least=np.ones(DEPTH + 1),
         total=np.zeros(DEPTH + 1),
@@ -74,13 +74,13 @@ def propose(tree: Tree, level: int, front: Front, slot: int, numbers: Numbers) -
     if cut.rejection != ACCEPTED:
         return
     merit = eta_e(cut) + eta_b(cut, numbers.M_angle)
-    at = tree.count[level]
+    at = tree.width[level]
     if at == BRANCHES:
         at -= 1
         if merit <= tree.merit[level, at]:
             return
     else:
-        tree.count[level] += 1
+        tree.width[level] += 1
     while at > 0 and tree.merit[level, at - 1] < merit:
         tree.merit[level, at], tree.slot[level, at] = tree.merit[level, at - 1], tree.slot[level, at - 1]
         tree.action[level, at, :] = tree.action[level, at - 1]
@@ -92,7 +92,7 @@ def propose(tree: Tree, level: int, front: Front, slot: int, numbers: Numbers) -
 @compiled
 def expand(tree: Tree, level: int, front: Front, agent: Agent, policy_type2: bool, numbers: Numbers) -> None:
     """Fill a level with the best actions on the front as it is: the policy's, and shapes at every vertex."""
-    tree.count[level] = tree.tried[level] = 0
+    tree.width[level] = tree.tried[level] = 0
     slot = reference_slot(front)
     look(agent, front, slot, numbers)
     mean_action(agent, tree.draft)
@@ -115,9 +115,7 @@ def rating(least: float, total: float, count: int) -> float:
 
 
 @compiled
-def fill(
-    tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: bool, numbers: Numbers
-) -> bool:
+def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: bool, numbers: Numbers) -> bool:
     """Mesh the ring up to its last four vertices as well as can be found.
 
     Returns:
@@ -127,7 +125,7 @@ def fill(
     level, states = 0, 1
     expand(tree, 0, front, agent, policy_type2, numbers)
     while level >= 0:
-        if tree.tried[level] == tree.count[level]:
+        if tree.tried[level] == tree.width[level]:
             level -= 1
             if level >= 0:
                 take_back(front, trail, 1, numbers.n_rv)

@@ -1,11 +1,14 @@
-"""Policy and domain in, mesh out: the deterministic episode first, sampled ones when it does not get through."""
+"""One mesh for a domain: the deterministic attempt first, exploring ones while none is complete."""
 
 from __future__ import annotations
 
 from envs.mesh import Mesh
 from envs.types import Domain
-from freemesh_ray.evaluate import Evaluated, run_episodes
+from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.policy import Policy
+
+#: Share of the elements that further attempts draw from the policy, so that they go other ways.
+EXPLORATION = 0.05
 
 
 class MeshingError(RuntimeError):
@@ -18,9 +21,8 @@ def mesh(policy: Policy, domain: Domain, *, attempts: int = 32, seed: int = 0) -
     Args:
         policy: a trained policy.
         domain: what to mesh.
-        attempts: sampled episodes, side by side, if the deterministic one fails; the completed one with the best mean
-            element quality is taken.
-        seed: of the sampling; the same arguments give the same mesh.
+        attempts: further ones, each another way, if the deterministic one fails; the first that completes counts.
+        seed: of all draws; the same arguments give the same mesh.
 
     Returns:
         A complete mesh without defects (see Mesh.defects).
@@ -31,24 +33,32 @@ def mesh(policy: Policy, domain: Domain, *, attempts: int = 32, seed: int = 0) -
     if len(domain.ring) == 4:
         whole = Mesh(domain.name, domain.points, domain.ring[None], domain.segments, complete=True)
         return validated(whole, domain)
-    results = run_episodes(policy, domain, 1, stochastic=False, seed=seed, widen=True)
-    if not results[0].completed and attempts > 0:
-        results += run_episodes(policy, domain, attempts, stochastic=True, seed=seed + 1, widen=True)
-    completed = [result for result in results if result.completed]
-    if not completed:
-        farthest = max(results, key=lambda result: result.mesh.areas.sum())
-        share = farthest.mesh.areas.sum() / domain.area
-        raise MeshingError(
-            f"{domain.name}: the policy did not complete it in {len(results)} attempts "
-            f"(at best {share:.1%} of the area); "
-            "raise --attempts, or train longer or on domains more like it"
-        )
-    return validated(max(completed, key=quality).mesh, domain)
+    best = grow(policy, domain, seed)
+    for attempt in range(1, 1 + attempts):
+        if best.mesh.complete:
+            break
+        best = max(best, grow(policy, domain, (seed, attempt), exploration=EXPLORATION), key=progress)
+    return validated(completed(best, domain, attempts), domain)
 
 
-def quality(result: Evaluated) -> float:
-    """What attempts are ranked by: the mean element quality."""
-    return result.mean_eta
+def progress(grown: Grown) -> tuple[bool, float]:
+    """What attempts are ranked by: whether complete, then the area covered."""
+    return grown.mesh.complete, float(grown.mesh.areas.sum())
+
+
+def completed(grown: Grown, domain: Domain, attempts: int) -> Mesh:
+    """The mesh, if it is complete; the one place that decides what becomes of a ring that is left (``grown.ring``).
+
+    Raises:
+        MeshingError: a ring is left.
+    """
+    if grown.mesh.complete:
+        return grown.mesh
+    raise MeshingError(
+        f"{domain.name}: the policy did not complete it in {1 + attempts} attempts "
+        f"(at best {progress(grown)[1] / domain.area:.1%} of the area); "
+        "raise --attempts, or train longer or on domains more like it"
+    )
 
 
 def validated(mesh: Mesh, domain: Domain) -> Mesh:

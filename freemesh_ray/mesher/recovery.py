@@ -1,12 +1,14 @@
-"""What is tried where the policy's mean action is invalid, in order: its samples, other vertices, any shape at all."""
+"""What is tried where the policy's mean action is invalid: its draws, well-shaped elements, anything that is valid."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from envs.front import Front, interior_angle, reference_slot
+from envs.front import Front, interior_angle
 from envs.kernels import slot_tree
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import compiled
 from envs.transition import Numbers
 from freemesh_ray.mesher.agent import Agent, look, mean_action, sampled_action
 from freemesh_ray.mesher.choice import Choice, begin, consider, found
@@ -17,12 +19,14 @@ from freemesh_ray.mesher.trail import NEXT, SAMPLED, WIDE
 SAMPLES, DRAWS = 16, 32
 #: Vertices tried besides the reference vertex, in the order of their mean angles.
 VERTICES = 8
+#: Interior angle from which an element with two new vertices is fit for the reference vertex, in radians: a smooth
+#: boundary can be begun with no other.
+FLAT = 2.0 * math.pi / 3.0
 #: Nothing found.
 STUCK = -1
-STRAIGHT = 2.0943951
 
 
-@inlined
+@compiled
 def sample(
     choice: Choice, front: Front, slot: int, agent: Agent, draws: int, type2: bool, numbers: Numbers,
     random: np.random.Generator,
@@ -59,32 +63,41 @@ def any_shape(
 
 
 @compiled
-def recover(
-    choice: Choice, front: Front, agent: Agent, type2: bool, wander: bool, numbers: Numbers, random: np.random.Generator
+def here(
+    choice: Choice, front: Front, slot: int, agent: Agent, type2: bool, numbers: Numbers, random: np.random.Generator
 ) -> int:
-    """Choose an action where the mean action at the reference vertex is invalid.
+    """Choose an action at the reference vertex, whose mean action is invalid.
 
     Args:
-        choice: the chosen action; to be read with type 2 if WIDE is returned, else as the policy's.
-        front: as it was before.
-        agent: looks at the reference vertex.
+        choice: the chosen action, to be read with type 2 if WIDE is returned, else as the policy's.
+        front: not changed.
+        slot: the reference vertex.
+        agent: looks at it.
         type2: whether the policy's own actions have type 2.
         numbers: the MDP's numbers.
         random: of the draws.
 
     Returns:
-        SAMPLED, NEXT, WIDE or STUCK.
+        SAMPLED, WIDE or STUCK.
     """
     begin(choice)
-    sample(choice, front, reference_slot(front), agent, SAMPLES, type2, numbers, random)
+    sample(choice, front, slot, agent, SAMPLES, type2, numbers, random)
     if found(choice):
         return SAMPLED
-    straight = interior_angle(front, reference_slot(front)) > STRAIGHT
-    any_shape(choice, front, reference_slot(front), agent, straight, numbers, random)
-    if found(choice):
-        return WIDE
-    if not wander:
-        return STUCK
+    any_shape(choice, front, slot, agent, interior_angle(front, slot) >= FLAT, numbers, random)
+    return WIDE if found(choice) else STUCK
+
+
+@compiled
+def elsewhere(
+    choice: Choice, front: Front, agent: Agent, type2: bool, numbers: Numbers, random: np.random.Generator
+) -> int:
+    """Choose an action at another vertex, or any shape at any vertex tried; as ``here``.
+
+    Returns:
+        NEXT, WIDE or STUCK.
+    """
+    begin(choice)
     slots = np.empty(1 + VERTICES, dtype=np.int64)
     count = slot_tree.least_slots(front.key, slots)
     for i in range(1, count):

@@ -1,11 +1,11 @@
 """Well-shaped elements as actions, built from the front's own geometry; written for type 2 (five entries).
 
-    one new vertex: the parallelogram's fourth corner,      two: a quadrilateral upright on the edge V_0 -> V_r,1
-    or less far out                                              b---a
-                                                                 |   |
-          l1 --- a                                           V_0 ----- V_r,1
-           |     |
-          V_0 -- r1
+one new vertex: the parallelogram's fourth corner,      two: a quadrilateral upright on the edge V_0 -> V_r,1
+or less far out                                              b---a
+                                                             |   |
+      l1 --- a                                           V_0 ----- V_r,1
+       |     |
+      V_0 -- r1
 """
 
 from __future__ import annotations
