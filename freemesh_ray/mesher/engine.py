@@ -92,12 +92,12 @@ def run(
         look(agent, front, slot, numbers)
         source = STUCK
         begin(choice)
-        if elements < detour_end and stuck % 2 == 0 and is_near(front, slot, place):
+        # Draws of the policy and of all actions by turns: where it is stuck, the policy is often sure of itself.
+        detour = elements < detour_end and is_near(front, slot, place)
+        if detour and stuck % 2 == 0:
             scatter(choice, front, slot, agent, DRAWS, False, numbers, random)
             source = WIDE
-        elif (elements < detour_end and is_near(front, slot, place)) or (
-            exploration > 0.0 and random.random() < exploration
-        ):
+        elif detour or (exploration > 0.0 and random.random() < exploration):
             sample(choice, front, slot, agent, DRAWS, numbers.type2, numbers, random)
             source = SAMPLED
         if not found(choice):
