@@ -20,7 +20,7 @@ import numpy as np
 from envs.front import POINTS, RING, TOLERANCE, Front, chain_start, interior_angle
 from envs.kernels import slot_tree
 from envs.kernels.compiled import inlined
-from envs.kernels.geometry import distance2_to_segment, segments_touch
+from envs.kernels.geometry import angle, distance2_to_segment, segments_touch
 from envs.quality import angles_valid, inner_angles
 from envs.types import MIN_ELEMENT_ANGLE, Floats
 
@@ -90,6 +90,22 @@ def decode_point(front: Front, reference: int, reach: float, radius: float, turn
     phi = axis + 0.5 * (turn + 1.0) * interior_angle(front, reference)
     r = 0.5 * (radius + 1.0) * reach
     return x + r * math.cos(phi), y + r * math.sin(phi)
+
+
+@inlined
+def encode_kind(kind: int, type2: bool) -> float:
+    """The first entry of an action that asks for this kind: the middle of its share of the range."""
+    return (2.0 * kind + 1.0) / (4 if type2 else 3) - 1.0
+
+
+@inlined
+def encode_point(front: Front, reference: int, reach: float, x: float, y: float) -> tuple[float, float]:
+    """The radius and turn that ``decode_point`` makes (x, y) of; beyond [-1, 1] where no action reaches it."""
+    xy = front.xy
+    after = front.nxt[reference]
+    dx, dy = x - xy[reference, 0], y - xy[reference, 1]
+    phi = angle(xy[after, 0] - xy[reference, 0], xy[after, 1] - xy[reference, 1], dx, dy)
+    return 2.0 * math.hypot(dx, dy) / reach - 1.0, 2.0 * phi / interior_angle(front, reference) - 1.0
 
 
 @inlined

@@ -75,8 +75,8 @@ def load_all(
     ``part``. Where they share boundary segments, what is set on these is the same for both, number for number.
 
     Args:
-        spec: a catalogue name in any case (``T1``), a seed (``random:7``, ``random:7?spikiness=0.5&holes=1``), or the
-            path of a polygon file (the extensions are those of :data:`envs.readers.READERS`).
+        spec: a catalogue name in any case (``T1``), a seed (``random:7``, ``random:7?spikiness=0.5&holes=1``,
+            ``part:7``), or the path of a polygon file (the extensions are those of :data:`envs.readers.READERS`).
         fix_parity: split the longest segment at its midpoint when a polygon's number of vertices is odd.
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.

@@ -130,7 +130,8 @@ def box_edge(front: Front, slot: int) -> None:
 
 @inlined
 def release(front: Front, slot: int) -> None:
-    """Take a slot out of the ring and remember it as free."""
+    """Take a slot out of the ring and remember it as free; free slots hold zeros."""
+    front.xy[slot, 0], front.xy[slot, 1], front.vid[slot] = 0.0, 0.0, 0
     front.prv[slot] = OUTSIDE
     front.nxt[slot] = front.counts[FREE]
     front.counts[FREE] = slot
@@ -139,16 +140,24 @@ def release(front: Front, slot: int) -> None:
 
 
 @inlined
-def insert(front: Front, before: int, slot: int, x: float, y: float) -> int:
-    """Link a new mesh vertex at (x, y) into the ring after ``before``, in ``slot``; its mesh vertex."""
-    vertex = front.counts[POINTS]
-    front.points[vertex, 0], front.points[vertex, 1] = x, y
-    front.need[vertex] = REGULAR
-    front.counts[POINTS] = vertex + 1
-    front.xy[slot, 0], front.xy[slot, 1], front.vid[slot] = x, y, vertex
+def insert(front: Front, before: int, vertex: int) -> None:
+    """Link a mesh vertex into the ring after ``before``, in a free slot."""
+    slot = front.counts[FREE]
+    front.counts[FREE] = front.nxt[slot]
+    front.xy[slot, 0], front.xy[slot, 1] = front.points[vertex, 0], front.points[vertex, 1]
+    front.vid[slot] = vertex
     after = front.nxt[before]
     front.prv[slot], front.nxt[slot] = before, after
     front.nxt[before], front.prv[after] = slot, slot
+
+
+@inlined
+def new_vertex(front: Front, x: float, y: float, size: float) -> int:
+    """A new mesh vertex at (x, y), with the edge length wanted there."""
+    vertex = front.counts[POINTS]
+    front.points[vertex, 0], front.points[vertex, 1] = x, y
+    front.size[vertex], front.need[vertex] = size, REGULAR
+    front.counts[POINTS] = vertex + 1
     return vertex
 
 
@@ -180,27 +189,59 @@ def advance(
         beyond = front.nxt[inner]
         release(front, inner)
         inner = beyond
+    if k < 3:
+        size = front.size[quad[k]] if k == 1 else 0.5 * (front.size[quad[0]] + front.size[quad[k]])
+        quad[k + 1] = new_vertex(front, ax, ay, size)
+        insert(front, start, quad[k + 1])
     if k == 1:
-        slot = front.counts[FREE]
-        front.counts[FREE] = front.nxt[slot]
-        quad[2] = insert(front, start, slot, ax, ay)
-        front.size[quad[2]] = front.size[quad[1]]
-        slot = front.counts[FREE]
-        front.counts[FREE] = front.nxt[slot]
-        quad[3] = insert(front, start, slot, bx, by)
-        front.size[quad[3]] = front.size[quad[0]]
-    elif k == 2:
-        slot = front.counts[FREE]
-        front.counts[FREE] = front.nxt[slot]
-        quad[3] = insert(front, start, slot, ax, ay)
-        front.size[quad[3]] = 0.5 * (front.size[quad[0]] + front.size[quad[2]])
+        quad[3] = new_vertex(front, bx, by, front.size[quad[0]])
+        insert(front, start, quad[3])
     for corner in range(4):
         front.need[quad[corner]] -= 1
 
     front.counts[ELEMENTS] += 1
     front.counts[RING] += 4 - 2 * k
     front.measure[AREA] -= area
+    index_stretch(front, start, end, n_rv)
 
+
+@inlined
+def retreat(front: Front, start: int, k: int, area: float, n_rv: int) -> None:
+    """Put the last element back: the exact inverse of ``advance``, bit for bit.
+
+    Args:
+        front: changed in place.
+        start, k: as given to ``advance`` for the last element.
+        area: the area that was left before it, ``measure[AREA]`` (a difference of rounded numbers has no inverse).
+        n_rv: neighbour pairs in the choice of the reference vertex.
+    """
+    front.counts[ELEMENTS] -= 1
+    front.counts[RING] -= 4 - 2 * k
+    front.measure[AREA] = area
+    quad = front.quads[front.counts[ELEMENTS]]
+    for corner in range(4):
+        front.need[quad[corner]] += 1
+
+    # Slots go back in the opposite order of their coming, so that the free ones lie in their old order.
+    slot = front.nxt[start]
+    for _ in range(3 - k):
+        beyond = front.nxt[slot]
+        release(front, slot)
+        slot = beyond
+        front.counts[POINTS] -= 1
+        front.points[front.counts[POINTS], :] = 0.0
+        front.size[front.counts[POINTS]], front.need[front.counts[POINTS]] = 0.0, 0
+    end = slot
+    front.nxt[start], front.prv[end] = end, start
+    for corner in range(k - 1, 0, -1):
+        insert(front, start, quad[corner])
+    quad[:] = 0
+    index_stretch(front, start, end, n_rv)
+
+
+@inlined
+def index_stretch(front: Front, start: int, end: int, n_rv: int) -> None:
+    """Bring both trees up to date with new edges between two slots."""
     slot = start
     while slot != end:
         box_edge(front, slot)
@@ -351,6 +392,16 @@ def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front
     front.nxt[:n] = np.roll(np.arange(n), -1)
     _index(front, parameters.n_rv)
     return front
+
+
+def with_room(template: Front, vertices: int, elements: int) -> Front:
+    """A front at its beginning, with room for so many new mesh vertices and elements."""
+    padded = {
+        "points": np.pad(template.points, ((0, vertices), (0, 0))),
+        "size": np.pad(template.size, (0, vertices)),
+        "need": np.pad(template.need, (0, vertices)),
+    }
+    return template._replace(quads=np.zeros((elements, 4), dtype=np.int64), **padded)
 
 
 def allocate(batch: int, slots: int, points: int, elements: int) -> Front:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.action import ACCEPTED, decode, decode_kind
+from envs.action import ACCEPTED, Cut, decode, decode_kind
 from envs.front import (
     A_MAX,
     A_MIN,
@@ -29,6 +29,9 @@ from envs.observation import observe
 from envs.quality import eta_from_angles, inner_angles
 from envs.reward import INVALID_REWARD, element_area, eta_b, eta_e, mu, mu_local, nu
 from envs.types import DENSITIES, Floats, Ints, MeshingParameters
+
+#: Indices into DENSITIES.
+CONTINUOUS, _, LOCAL = range(3)
 
 
 class Numbers(NamedTuple):
@@ -114,6 +117,26 @@ def look(front: Front, numbers: Numbers, out: Floats) -> None:
 
 
 @inlined
+def terms(front: Front, cut: Cut, numbers: Numbers) -> tuple[float, float, float, float]:
+    """The reward's terms of an accepted element, the front as it was before it: eta_e, eta_b, mu, nu weighted."""
+    area = element_area(cut)
+    if numbers.density == LOCAL:
+        density = mu_local(front, cut, area, numbers.upsilon)
+    else:
+        density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.density == CONTINUOUS)
+    irregularity = numbers.irregular * nu(front, cut) if numbers.irregular > 0.0 else 0.0
+    return eta_e(cut), eta_b(cut, numbers.M_angle), density, irregularity
+
+
+@inlined
+def take(front: Front, cut: Cut, n_rv: int) -> None:
+    """Cut an accepted element off the front."""
+    x, y, k = cut.x, cut.y, cut.k
+    new = (k + 1) & 3
+    advance(front, cut.start, k, x[new], y[new], x[3], y[3], element_area(cut), n_rv)
+
+
+@inlined
 def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: int, cap: int) -> None:
     """Advance one episode by one action and write row ``i`` of ``out``.
 
@@ -138,16 +161,8 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
             look(front, numbers, out.observation[i])
     else:
         front.counts[INVALID] = 0
-        quality = eta_e(cut)
-        area = element_area(cut)
-        irregularity = numbers.irregular * nu(front, cut) if numbers.irregular > 0.0 else 0.0
-        if numbers.density == 2:
-            density = mu_local(front, cut, area, numbers.upsilon)
-        else:
-            density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.density == 0)
-        x, y, k = cut.x, cut.y, cut.k
-        new = (k + 1) & 3
-        advance(front, cut.start, k, x[new], y[new], x[3], y[3], area, numbers.n_rv)
+        quality, boundary, density, irregularity = terms(front, cut, numbers)
+        take(front, cut, numbers.n_rv)
         front.measure[ETA_SUM] += quality
         if front.counts[RING] == 4:
             front.measure[ETA_SUM] += ring_quality(front)
@@ -156,7 +171,6 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
             out.terminated[i] = True
             out.truncated[i] = False
         else:
-            boundary = eta_b(cut, numbers.M_angle)
             out.terms[i, 0], out.terms[i, 1] = quality, boundary
             out.terms[i, 2], out.terms[i, 3] = density, irregularity
             out.reward[i] = quality + boundary + density + irregularity - numbers.step_cost

@@ -15,9 +15,13 @@ import numpy as np
 
 from envs.domain import from_rings, load
 from envs.episodes import Episodes
+from envs.random_domain import circle
 from envs.types import Domain, MeshingParameters
 from freemesh_ray import plots
 from freemesh_ray.local_ray import local_ray
+from freemesh_ray.mesher.engine import grow
+from freemesh_ray.mesher.meshing import EXPLORATION
+from freemesh_ray.policy import Policy
 from freemesh_ray.table import table
 
 FRONTS = (50, 100, 200, 400, 800, 1600)
@@ -27,14 +31,18 @@ DOMAIN, ENVS, RATIO = "T1", 16, 0.5
 FRAGMENTS = (8, 64, 256)
 CURVE_SEEDS = (356, 567, 999)
 CURVE_STEPS = 60_000
+#: Vertices of the discs and crosses that the mesher is timed on, and attempts at each.
+DISCS, CROSSES = (50, 100, 250, 500, 1000, 2000), (250, 500, 1000, 2000)
+ATTEMPTS = 10
 
 
-def run(parts: Sequence[str], *, seconds: float, folder: Path) -> None:
-    """Print the tables of the given parts; ``curves`` also writes into ``folder``."""
+def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy | None = None) -> None:
+    """Print the tables of the given parts; ``curves`` also writes into ``folder``, ``mesher`` needs a policy."""
     measurements: dict[str, Callable[[], None]] = {
         "env": lambda: bench_env(seconds),
         "learner": lambda: bench_learner(seconds),
         "sampling": lambda: bench_sampling(seconds),
+        "mesher": lambda: bench_mesher(policy),
         "curves": lambda: bench_curves(folder),
     }
     for part in parts:
@@ -123,6 +131,39 @@ def bench_env(seconds: float) -> None:
     growth = np.polyfit(np.log(FRONTS), -np.log(speeds), 1)[0]
     print(f"environment, one core, batch of {BATCH}: env steps a second (a step's cost grows as front^{growth:.2f})")
     print(table(["front vertices", "valid actions", "random actions"], rows))
+
+
+def disc(n: int) -> Domain:
+    """A regular polygon of n vertices: a boundary without corners."""
+    return from_rings(circle(n), name=f"disc{n}")
+
+
+def bench_mesher(policy: Policy | None) -> None:
+    """Elements a second of the mesher, policy and geometry, against the size of the mesh; the fastest of three."""
+    if policy is None:
+        raise ValueError("the mesher's benchmark needs a policy")
+    rows, sizes, times = [], [], []
+    for domain in [*map(disc, DISCS), *map(cross, CROSSES)]:
+        took = np.inf
+        for _ in range(4):  # the first time compiles and touches the memory
+            began = time.perf_counter()
+            attempts = [grow(policy, domain, 0)]
+            while not attempts[-1].mesh.complete and len(attempts) < ATTEMPTS:
+                attempts.append(grow(policy, domain, (0, len(attempts)), exploration=EXPLORATION))
+            took = min(took, time.perf_counter() - began)
+        last = attempts[-1]
+        elements = len(last.mesh.quads)
+        sizes.append(elements)
+        times.append(took)
+        rows.append(
+            [
+                domain.name, f"{elements:,}", f"{elements / took:,.0f}", str(len(attempts)), f"{last.taken_back:,}",
+                "complete" if last.mesh.complete else f"a ring of {len(last.ring)} left",
+            ]
+        )  # fmt: skip
+    growth = np.polyfit(np.log(sizes), np.log(times), 1)[0]
+    print(f"mesher, one core, elements a second with what attempts before failed (time grows as elements^{growth:.2f})")
+    print(table(["domain", "elements", "elements/s", "attempts", "taken back", ""], rows))
 
 
 def algorithm(runners: int, *, seed: int = 0, warmup: int = 1000, **training: Any) -> Any:

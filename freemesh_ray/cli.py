@@ -120,10 +120,13 @@ def parser() -> argparse.ArgumentParser:
     bench.add_argument(
         "--part",
         action="append",
-        choices=["env", "learner", "sampling", "curves"],
+        choices=["env", "learner", "sampling", "mesher", "curves"],
         metavar="PART",
-        help="env, learner, sampling (default: these three) or curves (against Stable-Baselines3, long); repeatable",
+        help="env, learner, sampling (default: these three), mesher (needs a policy) or curves (against "
+        "Stable-Baselines3, long); repeatable",
     )
+    bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: that of the newest run)")
+    bench.add_argument("--runs", default="runs", metavar="FOLDER", help="where the newest run is looked for")
     bench.add_argument("--seconds", type=seconds, default=5.0, help="of each measurement (5)")
     bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves are written")
     sync = commands.add_parser(
@@ -258,8 +261,12 @@ def domains(options: argparse.Namespace) -> int:
 def bench(options: argparse.Namespace) -> int:
     """``freemesh bench``."""
     from freemesh_ray import bench as benches
+    from freemesh_ray.policy import Policy
+    from freemesh_ray.runs import newest_policy
 
-    benches.run(options.part or ["env", "learner", "sampling"], seconds=options.seconds, folder=Path(options.out))
+    parts = options.part or ["env", "learner", "sampling"]
+    policy = Policy.load(options.policy or newest_policy(Path(options.runs))) if "mesher" in parts else None
+    benches.run(parts, seconds=options.seconds, folder=Path(options.out), policy=policy)
     return 0
 
 

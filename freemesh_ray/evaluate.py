@@ -43,13 +43,8 @@ class Evaluated:
 #: Domains that an endless supply is evaluated on.
 HELD_OUT_DOMAINS = 40
 
-#: Invalid actions in a row after which ``widen`` gives up on the policy's own draws.
-PATIENCE = 20
 
-
-def run_episodes(
-    policy: Policy, domain: Domain, episodes: int, *, stochastic: bool, seed: int, widen: bool = False
-) -> list[Evaluated]:
+def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: bool, seed: int) -> list[Evaluated]:
     """Mesh a domain several times, side by side.
 
     Args:
@@ -59,8 +54,6 @@ def run_episodes(
         stochastic: draw every action; otherwise take the squashed mean, and draw only where the last action was
             invalid (the front is unchanged, so the mean would be rejected again).
         seed: of the draws.
-        widen: draw uniformly from all actions after PATIENCE invalid ones in a row, until one is valid: where the
-            policy knows no way, any valid element is better than none. Evaluation does not do so, the mesher does.
 
     Returns:
         One result an episode, in order.
@@ -73,8 +66,6 @@ def run_episodes(
     invalid = np.zeros(episodes, dtype=np.int64)  # in a row
     while not over.all():
         actions = policy.act(batch.out.observation, stochastic | (invalid > 0), random)
-        if widen and (lost := invalid >= PATIENCE).any():
-            actions[lost] = random.uniform(-1.0, 1.0, (int(lost.sum()), actions.shape[1]))
         out = batch.step(actions, skip=over)
         invalid = np.where(out.rejection > 0, invalid + 1, 0)
         over |= out.terminated | out.truncated

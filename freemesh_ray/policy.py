@@ -1,7 +1,8 @@
 """A trained policy on its own: the actor's weights and what they expect, in one file that needs neither Ray nor torch.
 
-The file is a NumPy archive: ``weight_0``, ``bias_0``, .. and ``about``, a JSON text with the MDP's parameters and
-whatever is worth knowing of the training.
+The file is a NumPy archive: ``weight_0``, ``bias_0``, .., for a policy with critics ``critic_weight_0``,
+``critic_bias_0``, .., and ``about``, a JSON text with the MDP's parameters and whatever is worth knowing of the
+training.
 """
 
 from __future__ import annotations
@@ -27,6 +28,32 @@ class PolicyError(ValueError):
     """A policy file that cannot be used; the message names the file and the fix."""
 
 
+def check_layers(layers: Sequence[Layer], what: str, lead: tuple[int, ...], ends: tuple[int, int]) -> None:
+    """Refuse layers that do not fit each other, or are not finite, or do not lead from and to the widths ``ends``.
+
+    Raises:
+        PolicyError: as said.
+    """
+    width = None
+    for weight, bias in layers:
+        if weight.ndim != len(lead) + 2 or weight.shape[:-2] != lead or width not in (None, weight.shape[-2]):
+            raise PolicyError(f"the policy's {what}: the layers do not fit each other")
+        if bias.shape != (*lead, weight.shape[-1]):
+            raise PolicyError(f"the policy's {what}: a bias does not fit its layer")
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise PolicyError("the policy's weights are not finite: its training diverged")
+        width = weight.shape[-1]
+    found = (layers[0][0].shape[-2], layers[-1][0].shape[-1])
+    if found != ends:
+        raise PolicyError(f"the policy's {what} is {found[0]} -> {found[1]}, its parameters need {ends}")
+
+
+def read_layers(archive: Mapping[str, np.ndarray], prefix: str) -> list[Layer]:
+    """The layers ``PREFIXweight_0``, ``PREFIXbias_0``, .. of an archive."""
+    count = sum(name.startswith(f"{prefix}weight_") for name in archive)
+    return [(archive[f"{prefix}weight_{i}"], archive[f"{prefix}bias_{i}"]) for i in range(count)]
+
+
 @dataclass(frozen=True)
 class Policy:
     """A squashed-Gaussian actor.
@@ -36,24 +63,20 @@ class Policy:
             mean and log of the deviation before tanh.
         parameters: the MDP that it was trained on.
         about: where it comes from (config, seed, git commit, scores ...); JSON values.
+        critic: (weight (critics, inputs, outputs), bias (critics, outputs)) float32 of critics side by side, twins as
+            a rule: observation and action -> value; ReLU between. Empty when there are none.
     """
 
     layers: Sequence[Layer]
     parameters: MeshingParameters
     about: Mapping[str, Any] = field(default_factory=dict)
+    critic: Sequence[Layer] = ()
 
     def __post_init__(self) -> None:
-        width = None
-        for weight, bias in self.layers:
-            if weight.ndim != 2 or bias.shape != weight.shape[1:] or width not in (None, weight.shape[0]):
-                raise PolicyError("the policy's layers do not fit each other")
-            if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-                raise PolicyError("the policy's weights are not finite: its training diverged")
-            width = weight.shape[1]
-        inputs, outputs = self.layers[0][0].shape[0], self.layers[-1][0].shape[1]
-        expected = (self.parameters.observation_size, 2 * self.parameters.action_size)
-        if (inputs, outputs) != expected:
-            raise PolicyError(f"the policy's network is {inputs} -> {outputs}, its parameters need {expected}")
+        seen, acted = self.parameters.observation_size, self.parameters.action_size
+        check_layers(self.layers, "network", (), (seen, 2 * acted))
+        if self.critic:
+            check_layers(self.critic, "critic", self.critic[0][0].shape[:-2], (seen + acted, 1))
 
     def _outputs(self, obs: np.ndarray) -> np.ndarray:
         x = obs
@@ -83,6 +106,8 @@ class Policy:
         about = {"parameters": asdict(self.parameters), "about": dict(self.about)}
         arrays = {f"weight_{i}": weight for i, (weight, _) in enumerate(self.layers)}
         arrays |= {f"bias_{i}": bias for i, (_, bias) in enumerate(self.layers)}
+        arrays |= {f"critic_weight_{i}": weight for i, (weight, _) in enumerate(self.critic)}
+        arrays |= {f"critic_bias_{i}": bias for i, (_, bias) in enumerate(self.critic)}
         with replacing(Path(path)) as draft, open(draft, "wb") as file:
             np.savez(file, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
 
@@ -98,9 +123,8 @@ class Policy:
         try:
             with np.load(path, allow_pickle=False) as archive:
                 about = json.loads(str(archive["about"]))
-                count = sum(name.startswith("weight_") for name in archive.files)
-                layers = [(archive[f"weight_{i}"], archive[f"bias_{i}"]) for i in range(count)]
-            return cls(layers, MeshingParameters(**about["parameters"]), about["about"])
+                layers, critic = read_layers(archive, ""), read_layers(archive, "critic_")
+            return cls(layers, MeshingParameters(**about["parameters"]), about["about"], critic)
         except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise PolicyError(
                 f"{path}: not a policy file ({error}); give the policy.npz that a training wrote"

@@ -44,6 +44,9 @@ class Algorithm(Protocol):
     def actor_weights(self) -> list[tuple[Any, Any]]:
         """Layers of the policy network."""
 
+    def critic_weights(self) -> list[tuple[Any, Any]]:
+        """Layers of the critics, side by side."""
+
     def save_to_path(self, path: str) -> Any:
         """Write a checkpoint."""
 
@@ -237,7 +240,9 @@ class Training:
     def policy(self, **about: Any) -> Policy:
         """The policy as it is now."""
         layers = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.actor_weights()]
-        return Policy(layers, meshing_parameters(self.config), {**provenance(), "config": dict(self.config), **about})
+        critic = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.critic_weights()]
+        told = {**provenance(), "config": dict(self.config), **about}
+        return Policy(layers, meshing_parameters(self.config), told, critic)
 
     def evaluate(self) -> dict[str, float]:
         """Ten episodes (``evaluation.episodes``) on every stage, deterministic and stochastic; keep the best policy.

@@ -11,7 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from play import Turn, coordinates, generic, turns
 
-from envs.action import ACCEPTED, CHAIN_EDGES, LEFT, ONE, REJECTIONS, RIGHT, TWO, decode_kind, decode_point
+from envs.action import (
+    ACCEPTED,
+    CHAIN_EDGES,
+    LEFT,
+    ONE,
+    REJECTIONS,
+    RIGHT,
+    TWO,
+    decode_kind,
+    decode_point,
+    encode_kind,
+    encode_point,
+)
 from envs.domain import from_rings, load
 from envs.episodes import Episodes
 from envs.front import ELEMENTS, TOLERANCE, reference_slot
@@ -123,6 +135,22 @@ def test_the_new_vertex_lies_at_its_radius_and_angle(seed: int, radius: float, t
         z, axis = (point - ring[0]) @ [1.0, 1.0j], (ring[1] - ring[0]) @ [1.0, 1.0j]
         expected = (turn + 1.0) / 2.0 * angles(ring)[0]
         assert np.exp(1j * (np.angle(z / axis) - expected)) == pytest.approx(1.0, abs=1e-9)
+
+
+@given(st.integers(0, 20), st.floats(-0.9, 1.0), st.floats(-0.99, 0.99), st.floats(0.1, 5.0))
+def test_encoding_inverts_decoding(seed: int, radius: float, turn: float, reach: float) -> None:
+    episodes = Episodes([generic("random:11", seed)], MeshingParameters(), 1)
+    episodes.start(0, 0)
+    front = episodes.front(0)
+    slot = reference_slot(front)
+    point = decode_point(front, slot, reach, radius, turn)
+    assert encode_point(front, slot, reach, *point) == pytest.approx((radius, turn), abs=1e-9)
+
+
+@pytest.mark.parametrize("type2", [False, True])
+def test_encoding_a_kind_inverts_decoding_it(type2: bool) -> None:
+    for kind in KINDS_OF[type2]:
+        assert decode_kind(encode_kind(kind, type2), type2) == kind
 
 
 @pytest.mark.parametrize(("n", "alpha", "type2"), [(2, 2.0, False), (1, 3.0, False), (3, 1.0, True)])

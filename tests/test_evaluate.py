@@ -1,4 +1,4 @@
-"""Evaluation episodes and the mesher on top of them, with policies made by hand."""
+"""Evaluation episodes, with policies made by hand."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import pytest
 from envs.domain import from_rings, load
 from envs.types import MeshingParameters
 from freemesh_ray.evaluate import run_episodes, summary
-from freemesh_ray.mesher import MeshingError, mesh
 from freemesh_ray.policy import Policy
 
 RING = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
@@ -55,37 +54,8 @@ def test_a_stuck_policy_is_truncated_with_nothing_but_penalties() -> None:
     }
 
 
-def test_widening_finds_elements_where_the_policy_knows_none() -> None:
-    domain = from_rings(RING)
-    (narrow,) = run_episodes(STUCK, domain, 1, stochastic=False, seed=0)
-    results = run_episodes(STUCK, domain, 8, stochastic=False, seed=0, widen=True)
-    assert len(narrow.mesh.quads) == 0
-    assert all(len(result.mesh.quads) > 0 for result in results)
-
-
 def test_counts_add_up() -> None:
     for result in run_episodes(WILD, from_rings(RING), 8, stochastic=True, seed=1):
         accepted = len(result.mesh.quads) - int(result.completed)
         assert result.steps == accepted + result.invalid
         assert 0.0 <= result.mean_eta <= 1.0
-
-
-def test_the_mesher_returns_a_valid_mesh_and_the_same_one_again() -> None:
-    domain = from_rings(RING)
-    first, second = (mesh(WILD, domain, attempts=64, seed=3) for _ in range(2))
-    assert first.complete
-    assert first.defects(area=domain.area) == []
-    np.testing.assert_array_equal(first.quads, second.quads)
-    np.testing.assert_array_equal(first.vertices[: len(RING)], domain.points)
-
-
-def test_a_four_ring_is_its_own_mesh() -> None:
-    domain = from_rings([(0, 0), (2, 0), (2, 1), (0, 1)])
-    assert len(mesh(STUCK, domain).quads) == 1
-    with pytest.raises(MeshingError, match="not valid"):
-        mesh(STUCK, from_rings([(0, 0), (2, 0), (0.2, 0.2), (0, 2)]))
-
-
-def test_a_policy_that_cannot_says_how_far_it_got() -> None:
-    with pytest.raises(MeshingError, match=r"T3: the policy did not complete it in 3 attempts \(at best "):
-        mesh(STUCK, load("T3"), attempts=2)

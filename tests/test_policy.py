@@ -61,6 +61,33 @@ def test_a_round_trip_keeps_every_bit(tmp_path: Path) -> None:
     assert list((tmp_path / "sub").iterdir()) == [tmp_path / "sub" / "policy.npz"]
 
 
+def test_critics_are_kept_with_the_policy(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    critic = [
+        (random.standard_normal((2, a, b)).astype(np.float32), random.standard_normal((2, b)).astype(np.float32))
+        for a, b in ((18, 16), (16, 1))
+    ]
+    made = policy()
+    Policy(made.layers, made.parameters, made.about, critic).save(tmp_path / "policy.npz")
+    again = Policy.load(tmp_path / "policy.npz")
+    assert len(again.layers) == len(made.layers)
+    for ours, theirs in zip(again.critic, critic, strict=True):
+        np.testing.assert_array_equal(ours[0], theirs[0])
+        np.testing.assert_array_equal(ours[1], theirs[1])
+    made.save(tmp_path / "old.npz")
+    assert list(Policy.load(tmp_path / "old.npz").critic) == []
+
+
+def test_critics_that_do_not_fit_are_refused() -> None:
+    made = policy()
+    weight, bias = np.zeros((2, 18, 1), dtype=np.float32), np.zeros((2, 1), dtype=np.float32)
+    for wrong in ([(weight[:, :17], bias)], [(weight, bias[:1])], [(weight, bias), (weight[:1], bias[:1])]):
+        with pytest.raises(PolicyError, match="critic"):
+            Policy(made.layers, made.parameters, made.about, wrong)
+    with pytest.raises(PolicyError, match="not finite"):
+        Policy(made.layers, made.parameters, made.about, [(weight * np.nan, bias)])
+
+
 def test_loading_and_meshing_need_neither_ray_nor_torch_nor_mlflow(tmp_path: Path) -> None:
     policy().save(tmp_path / "policy.npz")
     code = (

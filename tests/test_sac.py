@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from ray.rllib.core.columns import Columns
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
@@ -143,6 +144,21 @@ def test_rllib_s_evaluate_runs_the_paper_s_episodes() -> None:
         assert all(0 <= figures["completion_rate"] <= 1 for figures in found[kind].values())
     again = algorithm.evaluate()
     assert again["stochastic"] == found["stochastic"]
+    algorithm.stop()
+
+
+def test_critics_are_exported_as_they_are() -> None:
+    algorithm = make()
+    module, critic = algorithm.learner_group._learner.module[DEFAULT_POLICY_ID].critic, algorithm.critic_weights()
+    assert [weight.shape for weight, _ in critic] == [(2, 18, 16), (2, 16, 16), (2, 16, 1)]
+    x = np.random.default_rng(0).standard_normal((5, 18)).astype(np.float32)
+    expected = module(torch.from_numpy(x)).detach().numpy()
+    for twin in range(2):
+        y = x
+        for i, (weight, bias) in enumerate(critic):
+            y = y @ weight[twin] + bias[twin]
+            y = np.maximum(y, 0.0) if i < 2 else y
+        np.testing.assert_allclose(y, expected[twin], atol=1e-5)
     algorithm.stop()
 
 

@@ -57,6 +57,17 @@ def walk(box: Floats, query: tuple[float, float, float, float]) -> list[int]:
     return found
 
 
+@given(st.lists(change, max_size=60), st.integers(1, CAPACITY + 2))
+def test_least_slots_are_those_of_a_sort(changes: list, wanted: int) -> None:
+    key, _ = changed(changes)
+    before, slots = key.copy(), np.full(wanted, -1, dtype=np.int64)
+    count = slot_tree.least_slots(key, slots)
+    leaves = key[CAPACITY:]
+    expected = [slot for slot in np.argsort(leaves, kind="stable") if np.isfinite(leaves[slot])][:wanted]
+    assert slots[:count].tolist() == expected
+    np.testing.assert_array_equal(key, before)
+
+
 @given(st.lists(change, max_size=60))
 def test_changes_add_up_to_a_fresh_build(changes: list) -> None:
     key, box = changed(changes)

@@ -44,6 +44,9 @@ class Fake:
     def actor_weights(self) -> list[tuple[Any, Any]]:
         return [(np.zeros((15, 6), dtype=np.float32), np.array([0, 0, 0, 0.3, 0.3, 0.3], dtype=np.float32))]
 
+    def critic_weights(self) -> list[tuple[Any, Any]]:
+        return [(np.zeros((2, 18, 1), dtype=np.float32), np.zeros((2, 1), dtype=np.float32))]
+
     def evaluate(self) -> dict[str, Any]:
         policy = Policy(self.actor_weights(), MeshingParameters())
         return {

@@ -3,16 +3,19 @@
 ``NUMBA_DISABLE_JIT=1`` runs the same functions as plain Python.
 
 Numba's disk cache looks only at the file of the function it compiles, so a caller keeps the old code of a callee that
-changed in another file. Kernels call each other across files here; their cache is therefore a folder named after a
-digest of every file with a kernel in it, and can never be stale.
+changed in another file. Kernels call each other across files here, and kernels of other packages call those of this
+one; each package's cache is therefore a folder named after a digest of every file with a kernel in it, its own and
+this package's, and can never be stale. Constants that kernels use belong into files with kernels, or into ``types.py``.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import inspect
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -21,13 +24,23 @@ from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+#: The package that all kernels build on.
+BASE = Path(__file__).resolve().parent.parent
 
-def _cache_folder() -> str:
-    package = Path(__file__).resolve().parent.parent
-    digest = hashlib.sha256()
+
+def _kernel_texts(package: Path) -> Iterator[bytes]:
     for source in sorted(package.rglob("*.py")):
         text = source.read_bytes()
         if b"envs.kernels" in text or source.name == "types.py":
+            yield text
+
+
+@functools.cache
+def _cache_folder(package: Path = BASE) -> str:
+    """Where the machine code of a top-level package's kernels is kept."""
+    digest = hashlib.sha256()
+    for folder in dict.fromkeys((BASE, package)):
+        for text in _kernel_texts(folder):
             digest.update(text)
     home = package / "__pycache__"
     try:
@@ -39,13 +52,16 @@ def _cache_folder() -> str:
     return str(root / f"kernels-{digest.hexdigest()[:16]}")
 
 
-_CACHE = os.environ.get("NUMBA_CACHE_DIR") or _cache_folder()
+def _package_of(function: Callable[..., Any]) -> Path:
+    """The folder of the top-level package that a function is defined in."""
+    source = Path(inspect.getfile(function)).resolve()
+    return source.parents[max(0, len(function.__module__.split(".")) - 2)]
 
 
 def _compile(function: F, **options: Any) -> F:
     # The folder is read while decorating; other users of numba in this process keep their own.
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _CACHE
+    numba.config.CACHE_DIR = os.environ.get("NUMBA_CACHE_DIR") or _cache_folder(_package_of(function))
     try:
         return cast(F, njit(cache=True, error_model="numpy", nogil=True, **options)(function))
     finally:
@@ -60,3 +76,8 @@ def compiled(function: F) -> F:
 def inlined(function: F) -> F:
     """Compile, and fold the body into its callers."""
     return _compile(function, forceinline=True)
+
+
+def fused(function: F) -> F:
+    """Compile with x * y + z rounded once: for sums of products that nothing compares bit for bit."""
+    return _compile(function, fastmath={"contract"})

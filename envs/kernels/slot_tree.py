@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from envs.kernels.compiled import compiled, inlined
-from envs.types import Floats
+from envs.types import Floats, Ints
 
 
 @inlined
@@ -48,6 +48,21 @@ def least_slot(key: Floats) -> int:
     while node < capacity:
         node = 2 * node if key[2 * node] <= key[2 * node + 1] else 2 * node + 1
     return node - capacity
+
+
+@compiled
+def least_slots(key: Floats, slots: Ints) -> int:
+    """Write the slots of the least keys, in order, into ``slots``, (m,) int64; how many there are, at most m."""
+    count = 0
+    keys = np.empty(len(slots))
+    while count < len(slots) and key[1] < np.inf:
+        slot = least_slot(key)
+        slots[count], keys[count] = slot, key[1]
+        set_key(key, slot, np.inf)
+        count += 1
+    for i in range(count):
+        set_key(key, slots[i], keys[i])
+    return count
 
 
 @inlined

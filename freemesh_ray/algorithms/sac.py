@@ -233,10 +233,17 @@ class SAC(RLlibSAC):
 
     def actor_weights(self) -> list[tuple[Any, Any]]:
         """(weight (inputs, outputs), bias (outputs,)) of each layer of the actor, float32 arrays."""
-        state = self.learner_group.get_state(components="learner/rl_module", inference_only=True)
+        return self._weights("actor", inference_only=True)
+
+    def critic_weights(self) -> list[tuple[Any, Any]]:
+        """(weight (2, inputs, outputs), bias (2, outputs)) of each layer of the twin critics, float32 arrays."""
+        return [(weight, bias[:, 0]) for weight, bias in self._weights("critic", inference_only=False)]
+
+    def _weights(self, network: str, *, inference_only: bool) -> list[tuple[Any, Any]]:
+        state = self.learner_group.get_state(components="learner/rl_module", inference_only=inference_only)
         module = state["learner"]["rl_module"][DEFAULT_POLICY_ID]
-        layers = sum(name.startswith("actor.weights") for name in module)
-        return [(module[f"actor.weights.{i}"], module[f"actor.biases.{i}"]) for i in range(layers)]
+        layers = sum(name.startswith(f"{network}.weights") for name in module)
+        return [(module[f"{network}.weights.{i}"], module[f"{network}.biases.{i}"]) for i in range(layers)]
 
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """RLlib's state, with what it leaves out: counters, curriculum, episodes in flight, experience."""

@@ -114,9 +114,7 @@ def middles(star: Floats, k: int) -> tuple[float, float, float, float]:
 
 
 @compiled
-def smooth(
-    mesh: Halfedges, chosen: Ints, count: int, sweeps: int, roughly: bool, step: Floats, star: Floats
-) -> None:
+def smooth(mesh: Halfedges, chosen: Ints, count: int, sweeps: int, roughly: bool, step: Floats, star: Floats) -> None:
     """Move the interior vertices ``chosen[:count]``, each in turn, up to ``sweeps`` times.
 
     A compass search: six directions, turned a little in every sweep; the step is halved where none is better, and a
