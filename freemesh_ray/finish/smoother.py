@@ -50,7 +50,7 @@ def merit(eta: float) -> float:
 
 @inlined
 def gather(mesh: Halfedges, vertex: int, star: Floats) -> int:
-    """Fill the star of an interior vertex, (9, MOST + 1); how many elements it has."""
+    """Fill the star of an interior vertex; how many elements it has."""
     xy = mesh.xy
     h = mesh.out[vertex]
     k = mesh.degree[vertex]
@@ -127,7 +127,7 @@ def smooth(mesh: Halfedges, chosen: Ints, count: int, sweeps: int, roughly: bool
         sweeps: at most.
         roughly: try only the two places in the middle of the star, in every sweep; otherwise in the first two.
         step: (V,) float64, working memory; the step of each vertex, 0 where it rests or may not move.
-        star: (9, MOST + 1) float64, working memory.
+        star: (9, most elements around a vertex + 1) float64, working memory.
     """
     xy = mesh.xy
     for i in range(count):
@@ -192,4 +192,5 @@ def wake(mesh: Halfedges, vertex: int, step: Floats, moved: float) -> None:
 
 def workspace(mesh: Halfedges) -> tuple[Floats, Floats]:
     """The working memory of ``smooth``: step and star."""
-    return np.zeros(len(mesh.xy)), np.zeros((_ROWS, MOST + 1))
+    most = max(MOST, int(mesh.degree.max()))  # what is given may have more than the clean-up makes
+    return np.zeros(len(mesh.xy)), np.zeros((_ROWS, most + 1))
