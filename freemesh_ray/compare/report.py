@@ -114,7 +114,7 @@ def tables(rows: Sequence[Row], layout: Layout) -> str:
     if len(names) > 1:
         parts.append(mean_table(rows, names, "Mean over the domains that each completed", layout))
         shared = completed_by_all(rows, names)
-        if 0 < len(shared) < len(names):
+        if 1 < len(shared) < len(names):
             title = f"Mean over the {len(shared)} domains that all completed"
             parts.append(mean_table([row for row in rows if row.domain in shared], shared, title, layout))
     return "\n\n".join(parts)
