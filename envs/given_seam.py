@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.rings import Outline, check_crossings, close_pairs, extent, odd_message, place, signed_area
+from envs.rings import Outline, check_crossings, close_pairs, extent, loops, odd_message, place, signed_area
 from envs.types import RELATIVE_TOLERANCE, Domain, DomainError, Floats, Ints
 
 
@@ -129,20 +129,12 @@ def check_inside_left(name: str, points: Floats, walk: Ints, number: Ints) -> No
 
 def renumbered(name: str, points: Floats, walk: Ints, seam: np.ndarray) -> Domain:
     """The domain with its points in order: the outer ring's, each hole's, then the seams'."""
-    step = {int(a): int(b) for a, b in zip(walk[~seam], np.roll(walk, -1)[~seam], strict=True)}
-    loops: list[list[int]] = []
-    rest = dict(step)
-    while rest:
-        loop = [next(iter(rest))]
-        while (following := rest.pop(loop[-1])) != loop[0]:
-            loop.append(following)
-        loops.append(loop)
     # The inside is connected and to the left, so the one counter-clockwise loop is the outer ring.
-    loops.sort(key=lambda loop: signed_area(points[loop]) < 0)
-    order = [v for loop in loops for v in loop]
-    given = np.array([[a, step[a]] for a in order])
-    known = set(order)
-    order += [v for v in dict.fromkeys(walk.tolist()) if v not in known]
+    rings = sorted(
+        loops(np.stack([walk, np.roll(walk, -1)], axis=1)[~seam]), key=lambda loop: signed_area(points[loop]) < 0
+    )
+    given = np.concatenate([np.stack([loop, np.roll(loop, -1)], axis=1) for loop in rings])
+    order = list(dict.fromkeys([*given[:, 0].tolist(), *walk.tolist()]))
     place_of = np.empty(len(points), dtype=np.int64)
     place_of[order] = np.arange(len(order))
     return Domain(name=name, points=points[order], ring=place_of[walk], segments=place_of[given])

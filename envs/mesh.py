@@ -9,6 +9,17 @@ import numpy as np
 from envs.types import Floats, Ints
 
 
+def sides(elements: Ints) -> Ints:
+    """(m, k) corners -> (m, k, 2) int64: the ends of every element's sides; side i runs from corner i to the next."""
+    return np.stack([elements, np.roll(elements, -1, axis=1)], axis=-1)
+
+
+def edges_of(*blocks: Ints) -> tuple[Ints, Ints]:
+    """Distinct undirected edges (e, 2) int64 of blocks of elements, (m, k) each; how many use each, (e,) int64."""
+    ends = np.concatenate([sides(elements).reshape(-1, 2) for elements in blocks])
+    return np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Vertices and counter-clockwise quadrilaterals.
@@ -17,7 +28,7 @@ class Mesh:
         name: the domain's name.
         vertices: (n, 2) float64; the domain's points first, in their order and untouched, then the new ones.
         quads: (m, 4) int64 indices into ``vertices``, counter-clockwise, in the order they were cut.
-        segments: (s, 2) int64, the given boundary segments.
+        segments: (s, 2) int64, the given boundary segments, the domain on their left.
         complete: whether the quads fill the domain.
     """
 
@@ -26,6 +37,11 @@ class Mesh:
     quads: Ints
     segments: Ints
     complete: bool
+
+    @property
+    def triangles(self) -> Ints:
+        """(0, 3) int64: none; what measures or draws the meshes of others, too, asks for them."""
+        return np.empty((0, 3), dtype=np.int64)
 
     @property
     def areas(self) -> Floats:
@@ -37,9 +53,7 @@ class Mesh:
     @property
     def edges(self) -> tuple[Ints, Ints]:
         """Distinct undirected edges (e, 2) int64, and how many quads use each, (e,) int64."""
-        pairs = np.stack([self.quads, np.roll(self.quads, -1, axis=1)], axis=-1).reshape(-1, 2)
-        distinct, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
-        return distinct, counts
+        return edges_of(self.quads)
 
     @property
     def valence(self) -> Ints:

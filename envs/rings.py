@@ -70,6 +70,25 @@ def signed_area(ring: Floats) -> float:
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
+def loops(segments: Ints) -> list[Ints]:
+    """The closed loops that directed segments form, in the order of the first segment of each.
+
+    Args:
+        segments: (s, 2) vertices; each vertex begins one segment and ends one.
+
+    Returns:
+        For each loop its vertices, (k,) int64, in the segments' direction.
+    """
+    following = dict(segments.tolist())
+    found = []
+    while following:
+        loop = [next(iter(following))]
+        while (vertex := following.pop(loop[-1])) != loop[0]:
+            loop.append(vertex)
+        found.append(np.array(loop, dtype=np.int64))
+    return found
+
+
 def oriented(ring: Floats, counterclockwise: bool) -> Floats:
     """The (n, 2) ring in the wanted orientation, its first vertex kept first."""
     if (signed_area(ring) > 0) == counterclockwise:

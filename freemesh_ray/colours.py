@@ -9,6 +9,8 @@ from matplotlib.colors import Normalize, to_hex
 QUALITY, COLOURS = Normalize(0.0, 1.0), "viridis"
 #: Text and the given boundary; the front, where elements are still missing.
 INK, FRONT = "#1a1a1a", "#c0392b"
+#: Triangles, which have no quality.
+TRIANGLE = "#d62728"
 #: Interior nodes of fewer than four edges, and of more.
 FEW, MANY = "#ff7f0e", "#e3208f"
 #: Series side by side (Okabe and Ito: told apart by colour-blind eyes too).

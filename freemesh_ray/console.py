@@ -14,7 +14,7 @@ import numpy as np
 from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray.metrics import measure
-from freemesh_ray.table import table
+from freemesh_ray.table import number, table
 from freemesh_ray.train import Trained
 from freemesh_ray.training import Status
 
@@ -29,11 +29,6 @@ def duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
-
-
-def number(value: float, form: str) -> str:
-    """The value in the given format; a dash when there is none yet."""
-    return format(value, form) if math.isfinite(value) else "-"
 
 
 class Progress:

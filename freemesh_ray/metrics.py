@@ -1,5 +1,7 @@
 """What a mesh is worth in numbers: the paper's eight metrics, under the paper's definitions and the authors'.
 
+Element metrics are of the quadrilaterals; vertices are judged by triangles, too, where a mesher left some.
+
 Corner, edge and triangle order of a quadrilateral a b c d:
 
     d ---- c        edges      ab, bc, cd, da
@@ -16,60 +18,77 @@ from collections.abc import Callable
 
 import numpy as np
 
-from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Floats, Ints
+from freemesh_ray.plane_mesh import PlaneMesh
 
 
-def measure(mesh: Mesh) -> dict[str, float]:
-    """The metrics of a mesh; element metrics are means over the elements (NaN when there are none).
+def by_element(mesh: PlaneMesh) -> dict[str, Floats]:
+    """Each element metric of every quadrilateral, (m,) float64.
 
     Returns:
-        ``elements``: their number. ``triangles``: 0, all elements have four corners.
-        ``singularity``: interior vertices whose valence is not 4 (the paper's definition).
-        ``singularity_authors``: vertices, boundary included, of other than 1, 2 or 4 elements (the authors' code).
-        ``eta``, ``eta_p5``, ``eta_min``: mean, 5th percentile and least element quality, in [0, 1], higher is better.
+        ``eta``: element quality, in [0, 1], higher is better.
         ``min_angle``, ``max_angle``: |least angle - 90| and |largest angle - 90|, degrees, lower is better.
         ``min_angle_authors``, ``max_angle_authors``: least and largest of the four |angle - 90|, degrees.
         ``scaled_jacobian``: in [-1, 1], ``stretch``: in [0, 1], higher is better; ``taper``: >= 0, lower is better.
+        ``taper_paper``: taper as the paper words it, in [0, 1] for convex elements, lower is better.
     """
     corners = mesh.vertices[mesh.quads]
     angles = inner_angles(corners)
     off_square = np.abs(angles - 90.0)
-    eta = element_quality(mesh.vertices, mesh.quads)
     return {
-        "elements": float(len(mesh.quads)),
-        "triangles": 0.0,
-        "singularity": float(len(irregular(mesh))),
-        "singularity_authors": float(len(irregular_authors(mesh))),
-        "eta": _over(eta),
-        "eta_p5": _over(eta, lambda values: np.percentile(values, 5)),
-        "eta_min": _over(eta, np.min),
-        "min_angle": _over(np.abs(angles.min(axis=1) - 90.0)),
-        "max_angle": _over(np.abs(angles.max(axis=1) - 90.0)),
-        "min_angle_authors": _over(off_square.min(axis=1)),
-        "max_angle_authors": _over(off_square.max(axis=1)),
-        "scaled_jacobian": _over(scaled_jacobian(corners)),
-        "stretch": _over(stretch(corners)),
-        "taper": _over(taper(corners)),
+        "eta": element_quality(mesh.vertices, mesh.quads),
+        "min_angle": np.abs(angles.min(axis=1) - 90.0),
+        "max_angle": np.abs(angles.max(axis=1) - 90.0),
+        "min_angle_authors": off_square.min(axis=1),
+        "max_angle_authors": off_square.max(axis=1),
+        "scaled_jacobian": scaled_jacobian(corners),
+        "stretch": stretch(corners),
+        "taper": taper(corners),
+        "taper_paper": taper_by_triangles(corners),
     }
 
 
-def irregular(mesh: Mesh) -> Ints:
+def measure(mesh: PlaneMesh) -> dict[str, float]:
+    """The metrics of a mesh.
+
+    Returns:
+        ``elements``: their number, ``triangles`` included: how many have three corners.
+        ``non_convex``: quadrilaterals with a corner of 180 degrees or more.
+        ``singularity``: interior vertices whose valence is not 4 (the paper's definition).
+        ``singularity_authors``: vertices, boundary included, of other than 1, 2 or 4 elements (the authors' code).
+        Those of :func:`by_element`: means over the quadrilaterals, NaN when there are none.
+        ``eta_p5``, ``eta_min``: 5th percentile and least element quality.
+    """
+    values = by_element(mesh)
+    return {
+        "elements": float(len(mesh.quads) + len(mesh.triangles)),
+        "triangles": float(len(mesh.triangles)),
+        "non_convex": float((inner_angles(mesh.vertices[mesh.quads]) >= 180.0).any(axis=1).sum()),
+        "singularity": float(len(irregular(mesh))),
+        "singularity_authors": float(len(irregular_authors(mesh))),
+        **{name: _over(each) for name, each in values.items()},
+        "eta_p5": _over(values["eta"], lambda eta: np.percentile(eta, 5)),
+        "eta_min": _over(values["eta"], np.min),
+    }
+
+
+def irregular(mesh: PlaneMesh) -> Ints:
     """(k,) int64: the interior vertices whose valence is not 4.
 
     Interior is what elements surround: of an incomplete mesh, vertices on the front are not judged yet.
     """
     edges, counts = mesh.edges
     valence = mesh.valence
-    inside = ~mesh.on_boundary & (valence > 0)
+    inside = valence > 0
     inside[edges[counts == 1].ravel()] = False
     return np.flatnonzero(inside & (valence != 4))
 
 
-def irregular_authors(mesh: Mesh) -> Ints:
+def irregular_authors(mesh: PlaneMesh) -> Ints:
     """(k,) int64: the vertices, boundary included, that belong to other than 1, 2 or 4 elements."""
-    uses = np.bincount(mesh.quads.ravel(), minlength=len(mesh.vertices))
+    corners = np.concatenate([mesh.quads.ravel(), mesh.triangles.ravel()])
+    uses = np.bincount(corners, minlength=len(mesh.vertices))
     return np.flatnonzero(~np.isin(uses, (0, 1, 2, 4)))
 
 
@@ -108,6 +127,18 @@ def taper(corners: Floats) -> Floats:
     return np.linalg.norm(a - b + c - d, axis=-1) / np.minimum(
         np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1)
     )
+
+
+def taper_by_triangles(corners: Floats) -> Floats:
+    """max |1 - A1 / A2| over both diagonals, A1 <= A2 the triangles' areas a diagonal separates: (m, 4, 2) -> (m,).
+
+    In [0, 1] for a convex quadrilateral, 0 for a parallelogram. The paper does not say which triangle is above the
+    line of the ratio; with the smaller one there the value is bounded.
+    """
+    areas = _cross(*_sides(corners))  # twice the triangle cut off at each corner
+    pairs = np.stack([areas[:, :2], areas[:, 2:]], axis=-1)  # opposite corners share a diagonal
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (1.0 - pairs.min(axis=-1) / pairs.max(axis=-1)).max(axis=1)
 
 
 def _axes(corners: Floats) -> tuple[Floats, Floats]:

@@ -1,20 +1,32 @@
-"""Plain-text tables."""
+"""Tables in plain text and in Markdown."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Columns aligned: the first to the left, the others to the right."""
-    lines = [list(header), *(list(row) for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    return "\n".join(aligned(line, widths) for line in lines)
+    return "\n".join("  ".join(line).rstrip() for line in aligned([header, *rows]))
 
 
-def aligned(cells: Sequence[str], widths: Sequence[int]) -> str:
-    """One line of a table."""
-    first, *others = (
-        cell.rjust(width) if i else cell.ljust(width) for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
-    )
-    return "  ".join([first, *others]).rstrip()
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The same in Markdown, which lines up as plain text, too."""
+    lines = aligned([header, *rows], least=3)
+    first, *others = (len(cell) for cell in lines[0])
+    rule = "|".join(["-" * (first + 2), *("-" * (width + 1) + ":" for width in others)])
+    head, *body = (f"| {' | '.join(line)} |" for line in lines)
+    return "\n".join([head, f"|{rule}|", *body])
+
+
+def aligned(lines: Sequence[Sequence[str]], least: int = 0) -> list[list[str]]:
+    """Cells filled up to the width of their column, at least ``least``: the first to the left, others to the right."""
+    widths = [max(least, *map(len, column)) for column in zip(*lines, strict=True)]
+    sides = "<" + ">" * len(widths)
+    return [[f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=False)] for line in lines]
+
+
+def number(value: float, form: str) -> str:
+    """The value in the given format; a dash when there is none."""
+    return format(value, form) if math.isfinite(value) else "-"

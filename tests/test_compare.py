@@ -15,16 +15,17 @@ import pytest
 from envs.domain import from_rings
 from envs.mesh import Mesh
 from envs.types import Domain, DomainError, MeshingParameters
-from freemesh_ray import cli, export
-from freemesh_ray.compare import pictures, report
-from freemesh_ray.compare.comparison import compare
-from freemesh_ray.compare.element_metrics import by_element, figures
-from freemesh_ray.compare.markdown import table
+from freemesh_ray import cli, export, plots
+from freemesh_ray.compare import report
+from freemesh_ray.compare.comparison import box_values, compare
 from freemesh_ray.compare.meshers import OURS, RAW, Mesher, ours
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 from freemesh_ray.compare.our_mesher import Made
-from freemesh_ray.compare.row import Row
+from freemesh_ray.compare.pooled import pooled
+from freemesh_ray.compare.row import Row, figures
+from freemesh_ray.metrics import by_element
 from freemesh_ray.policy import Policy
+from freemesh_ray.table import markdown
 
 RING = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
 QUADS = [[0, 1, 8, 7], [1, 2, 3, 8], [8, 3, 4, 5], [7, 8, 5, 6]]
@@ -140,47 +141,77 @@ def test_tables_of_all_domains_and_their_means() -> None:
     assert "- bad failed: no luck" in text
     lines = text[text.index("### Mean") :].splitlines()
     assert [line.split("|")[1].strip() for line in lines[4:7]] == ["good", "bad", "halves"]
-    assert [line.split("|")[2].strip() for line in lines[4:7]] == ["2/2", "0/2", "2/2"]
+    assert [line.split("|")[-2].strip() for line in lines[4:7]] == ["2/2", "0/2", "2/2"]
     assert "that all completed" not in text, "nobody completed all"
-    kept = [row for row in rows if row.mesher != "bad" or row.domain == "b"]
-    assert "Mean over the 1 domains that all completed" in report.text(kept)
+    more = compare([square("c"), square("d")], [MESHERS[0], MESHERS[2]], None, lambda row: None)
+    text = report.text([*rows, *(row for entry in more for row in entry.rows)])
+    shared = text[text.index("### Mean over the 2 domains that all completed") :].splitlines()
+    assert [line.split("|")[-2].strip() for line in shared[4:6]] == ["2/2", "2/2"]
 
 
 def test_a_markdown_table_lines_up() -> None:
-    lines = table(["a", "long title"], [["wide cell", "1"], ["x", "22"]]).splitlines()
+    lines = markdown(["a", "long title"], [["wide cell", "1"], ["x", "22"]]).splitlines()
     assert len({len(line) for line in lines}) == 1
     assert lines[1] == "|-----------|-----------:|"
+
+
+def test_the_summary_fits_a_terminal_and_holds_the_same_figures() -> None:
+    done = compare([square("a"), square("b")], MESHERS, None, lambda row: None)
+    rows = [row for entry in done for row in entry.rows]
+    brief, full = report.summary(rows), report.text(rows)
+    assert max(map(len, brief.splitlines())) <= 120
+    assert "|" not in brief
+    assert "- bad failed: no luck" in brief
+    good = next(line for line in brief.splitlines() if line.startswith("good")).split()
+    columns = [cell.strip() for cell in next(line for line in full.splitlines() if "| good" in line).split("|")]
+    assert good[1:3] == columns[2:4]
+    assert good[4] == columns[7]
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------
 
 
-def test_boxes_pool_elements_and_count_meshes() -> None:
+def test_pooled_values_are_those_of_all_elements_or_one_a_mesh() -> None:
     a, b = mixed(square("a"), "x", middle=1.4), mixed(square("b"), "x")
-    found = pictures.boxes([[a, halves(square("a"))], [b]])
-    assert set(found) == set(pictures.BOXES)
+    metrics = ["eta", "triangles", "singularity_authors"]
+    found = pooled(metrics, ["x", "halves", "never"], [a, halves(square("a")), b])
+    assert list(found) == metrics
+    assert all(list(of_mesher) == ["x", "halves", "never"] for of_mesher in found.values())
     np.testing.assert_array_equal(found["eta"]["x"], np.concatenate([by_element(a)["eta"], by_element(b)["eta"]]))
     assert found["triangles"]["halves"].tolist() == [6]
     assert found["singularity_authors"]["x"].tolist() == [0, 0]
+    assert all(len(of_mesher["never"]) == 0 for of_mesher in found.values())
 
 
-def test_the_same_meshes_give_the_same_pictures(tmp_path: Path) -> None:
-    domain = square()
-    meshes = [mixed(domain, f"m{i}", middle=1 + i / 10) for i in range(4)] + [halves(domain)]
-    for name in ("a", "b"):
-        pictures.draw_meshes(meshes, domain, tmp_path / f"{name}.png")
-        pictures.draw_boxes(pictures.boxes([meshes]), tmp_path / f"{name}-boxes.png")
-    for kind in ("", "-boxes"):
-        first = (tmp_path / f"a{kind}.png").read_bytes()
-        assert first == (tmp_path / f"b{kind}.png").read_bytes()
-        assert len(first) > 10_000
+def test_pictures_tell_who_failed_and_who_changed_the_boundary() -> None:
+    def partly(domain: Domain) -> list[MixedMesh]:
+        return failing(domain) if domain.name == "b" else [mixed(domain, "partly")]
+
+    def moved(domain: Domain) -> list[MixedMesh]:
+        return [mixed(square(scale=1.1), "moved")]
+
+    done = compare(
+        [square("a"), square("b")],
+        [MESHERS[1], Mesher("partly", partly), Mesher("moved", moved)],
+        None,
+        lambda row: None,
+    )
+    assert list(done[0].panels) == ["bad", "partly", "moved (boundary changed)"]
+    assert [mesh is None for mesh in done[0].panels.values()] == [True, False, False]
+    assert done[1].panels["partly"] is None
+    values = box_values(done)
+    assert tuple(values) == plots.PANELS
+    assert all(list(of_mesher) == ["bad (0/2)", "partly (1/2)", "moved"] for of_mesher in values.values())
+    assert [len(each) for each in values["eta"].values()] == [0, 4, 8]
 
 
 def test_triangles_alone_can_be_drawn(tmp_path: Path) -> None:
-    domain = from_rings([[0, 0], [1, 0], [1, 1], [0, 1]])
-    mesh = assembled("x", domain.points, [], [[0, 1, 2], [0, 2, 3]], 1.0)
-    pictures.draw_meshes([mesh], domain, tmp_path / "x.png")
-    pictures.draw_boxes(pictures.boxes([[mesh]]), tmp_path / "boxes.png")
+    def triangles(domain: Domain) -> list[MixedMesh]:
+        return [assembled("x", domain.points, [], [[0, 1, 2], [0, 2, 3]], 1.0)]
+
+    domain = from_rings([[0, 0], [1, 0], [1, 1], [0, 1]], name="four")
+    compare([domain], [Mesher("x", triangles)], tmp_path, lambda row: None)
+    assert {path.name for path in tmp_path.glob("*.png")} == {"four.png", "boxes.png"}
 
 
 # ---- the command -----------------------------------------------------------------------------------------------------
@@ -201,9 +232,10 @@ def test_ours_and_a_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> No
     arguments = ["compare", "square.json", "--policy", "policy.npz", "--peers", "none", "--mesh", "pave=pave.inp"]
     assert cli.main([*arguments, "--out", "found"]) == 0
     out, err = capsys.readouterr()
-    assert out == (folder / "found/comparison.md").read_text()
-    assert [line.split("|")[1].strip() for line in out.splitlines()[4:6]] == ["freemesh", "pave"]
-    assert len(err.splitlines()) == 2
+    assert [line.split()[0] for line in out.splitlines()[3:5]] == ["freemesh", "pave"]
+    assert [line.split(":")[0] for line in err.splitlines() if line] == [
+        "square  freemesh", "square  pave", "written to found",
+    ]  # fmt: skip
     assert {path.name for path in Path("found").iterdir()} == {
         "comparison.md", "comparison.csv", "square.png", "boxes.png",
     }  # fmt: skip
@@ -213,8 +245,8 @@ def test_gmsh_on_a_domain_of_the_catalogue(folder: Path, capsys: pytest.CaptureF
     pytest.importorskip("gmsh")
     assert cli.main(["compare", "T1", "--policy", "none", "--peers", "gmsh-default,gmsh-full-quad"]) == 0
     out = capsys.readouterr().out
-    assert "| gmsh-default " in out
-    assert out.count(" kept |") == 2
+    assert "\ngmsh-default " in out
+    assert out.count(" kept\n") == 2
     assert sorted(path.name for path in folder.iterdir()) == ["pave.inp", "policy.npz", "square.json"]
 
 

@@ -16,6 +16,7 @@ from envs.domain import catalogue, from_polygon, from_ring_with_seam, from_rings
 from envs.domains import design
 from envs.outline import discretise
 from envs.random_domain import random_domain
+from envs.rings import loops, signed_area
 from envs.types import Domain, DomainError, Floats
 
 REFERENCES = sorted((Path(__file__).parents[2] / "shared" / "reference-domains").glob("*.json"))
@@ -126,6 +127,20 @@ def test_points_come_in_the_documented_order() -> None:
     assert ring_segments(domain.points[4:8]) == ring_segments(HOLE)
     assert ring_segments(domain.points[8:12]) == ring_segments(HOLE + 1.5)
     assert segment_set(domain) == ring_segments(SQUARE, HOLE, HOLE + 1.5)
+
+
+@given(st.sampled_from([("T1", 1), ("D9", 2), ("part:1", 6)]), st.integers(0, 1000))
+def test_loops_are_the_rings_whatever_the_order_of_the_segments(named: tuple[str, int], seed: int) -> None:
+    domain = load(named[0])
+    found = loops(domain.segments)
+    assert len(found) == named[1]
+    areas = [signed_area(domain.points[loop]) for loop in found]
+    assert [area > 0 for area in areas] == [True] + [False] * (len(areas) - 1)
+    assert sum(areas) == pytest.approx(domain.area)
+    shuffled = loops(np.random.default_rng(seed).permutation(domain.segments))
+    for loop in shuffled:
+        (same,) = (other for other in found if loop[0] in other)
+        assert loop.tolist() == np.roll(same, -int(np.flatnonzero(same == loop[0])[0])).tolist()
 
 
 def test_coordinates_are_kept_to_the_last_bit() -> None:

@@ -13,9 +13,9 @@ from envs.domain import from_rings
 from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray import export
-from freemesh_ray.compare.element_metrics import figures
 from freemesh_ray.compare.mesh_file import MeshFileError, files, placed, read
 from freemesh_ray.compare.mixed_mesh import PeerError, of_mesh
+from freemesh_ray.compare.row import figures
 
 
 def grid(n: int, name: str = "grid") -> tuple[Domain, Mesh]:

@@ -11,7 +11,18 @@ from hypothesis import strategies as st
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
-from freemesh_ray.metrics import inner_angles, irregular, irregular_authors, measure, scaled_jacobian, stretch, taper
+from freemesh_ray.compare.mixed_mesh import assembled, of_mesh
+from freemesh_ray.metrics import (
+    by_element,
+    inner_angles,
+    irregular,
+    irregular_authors,
+    measure,
+    scaled_jacobian,
+    stretch,
+    taper,
+    taper_by_triangles,
+)
 
 
 def grid(columns: int, rows: int, corner: float = 0.0) -> Mesh:
@@ -111,9 +122,10 @@ def test_motion_scale_and_order_change_nothing(turn: float, scale: float, shift:
 
 def test_squares_are_perfect():
     assert measure(grid(3, 2)) == pytest.approx({
-        "elements": 6, "triangles": 0, "singularity": 0, "singularity_authors": 0, "eta": 1, "eta_p5": 1, "eta_min": 1,
-        "min_angle": 0, "max_angle": 0, "min_angle_authors": 0, "max_angle_authors": 0,
-        "scaled_jacobian": 1, "stretch": 1, "taper": 0,
+        "elements": 6, "triangles": 0, "non_convex": 0, "singularity": 0, "singularity_authors": 0,
+        "eta": 1, "eta_p5": 1, "eta_min": 1, "min_angle": 0,
+        "max_angle": 0, "min_angle_authors": 0, "max_angle_authors": 0,
+        "scaled_jacobian": 1, "stretch": 1, "taper": 0, "taper_paper": 0,
     })  # fmt: skip
 
 
@@ -181,3 +193,59 @@ def test_a_collapsed_element_has_numbers():
 
 def test_all_values_are_plain_floats():
     assert {type(value) for value in measure(grid(2, 2)).values()} == {float}
+
+
+@given(st.integers(0, 1000), st.floats(0, 2 * np.pi), st.floats(0.1, 10))
+def test_the_papers_taper_does_not_see_motion_scale_or_first_corner(seed: int, turn: float, scale: float) -> None:
+    corners = convex_quads(20, seed)
+    c, s = np.cos(turn), np.sin(turn)
+    moved = np.roll(scale * corners @ np.array([[c, s], [-s, c]]), seed % 4, axis=1)
+    np.testing.assert_allclose(taper_by_triangles(moved), taper_by_triangles(corners), atol=1e-6)
+    assert (taper_by_triangles(corners) >= 0).all()
+    assert (taper_by_triangles(corners) <= 1).all()
+
+
+def test_the_papers_taper_by_hand() -> None:
+    parallelogram = [[0, 0], [2, 0], [3, 1], [1, 1]]
+    trapezium = [[0, 0], [4, 0], [3, 1], [1, 1]]  # a diagonal cuts off 2 of 3 and leaves 1
+    np.testing.assert_allclose(taper_by_triangles(np.array([parallelogram, trapezium], dtype=float)), [0.0, 0.5])
+
+
+def test_measured_means_are_those_of_the_elements() -> None:
+    mesh = grid(4, 3, corner=0.2)
+    values, found = by_element(mesh), measure(mesh)
+    assert set(values) < set(found)
+    assert all(each.shape == (12,) and found[name] == each.mean() for name, each in values.items())
+
+
+# ---- meshes with triangles -------------------------------------------------------------------------------------------
+
+
+def test_a_mesh_of_quads_measures_the_same_as_a_mixed_one() -> None:
+    for mesh in (grid(4, 3, corner=0.2), star(5)):
+        assert measure(of_mesh(mesh, "x", 1.0)) == pytest.approx(measure(mesh), abs=1e-12)
+
+
+def test_triangles_count_for_vertices_alone() -> None:
+    angles = np.pi * np.arange(8) / 4
+    ring = np.column_stack([np.cos(angles), np.sin(angles)])
+    vertices = np.vstack([ring, [0.0, 0.0]])
+    mesh = assembled("x", vertices, [[8, 0, 1, 2], [8, 2, 3, 4], [8, 4, 5, 6]], [[8, 6, 7], [8, 7, 0]], 1.0)
+    assert irregular(mesh).tolist() == [8]  # five edges meet in the middle
+    assert irregular_authors(mesh).tolist() == [8]
+    found = measure(mesh)
+    assert (found["elements"], found["triangles"]) == (5, 2)
+    all_quads = assembled("x", vertices, [[8, 0, 1, 2], [8, 2, 3, 4], [8, 4, 5, 6], [8, 6, 7, 0]], [], 1.0)
+    assert found["eta"] == pytest.approx(measure(all_quads)["eta"])
+
+
+def test_a_bent_element_is_counted() -> None:
+    mesh = assembled("x", [[0, 0], [2, 0], [0.5, 0.5], [0, 2], [3, 3]], [[0, 1, 2, 3], [1, 4, 3, 2]], [], 1.0)
+    assert measure(mesh)["non_convex"] == 1
+
+
+def test_triangles_only_have_no_element_figures() -> None:
+    found = measure(assembled("x", [[0, 0], [1, 0], [0, 1]], [], [[0, 1, 2]], 1.0))
+    assert np.isnan(found["eta"])
+    assert np.isnan(found["taper"])
+    assert (found["elements"], found["triangles"]) == (1, 1)

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.domain import from_rings, load
-from freemesh_ray.compare.loops import loops
+from envs.domain import from_rings
 from freemesh_ray.compare.mixed_mesh import PeerError, assembled
 
 #: A unit square of two triangles beside one quadrilateral.
@@ -39,7 +38,7 @@ def test_elements_are_turned_and_vertices_without_use_dropped(flips: list[bool],
     assert {tuple(p) for p in mesh.vertices.tolist()} == {tuple(p) for p in VERTICES.tolist()}
     np.testing.assert_allclose(area(mesh.vertices, mesh.quads), [1.0])
     np.testing.assert_allclose(area(mesh.vertices, mesh.triangles), [0.5, 0.5])
-    assert len(mesh.boundary) == 6
+    assert len(mesh.segments) == 6
 
 
 def test_no_elements_are_a_failure() -> None:
@@ -54,19 +53,6 @@ def test_the_boundary_is_kept_or_not() -> None:
     assert not replace(mesh, vertices=np.add(mesh.vertices, [0.0, 1e-3])).keeps(domain)
     assert not assembled("x", VERTICES, QUADS, [], 0.0).keeps(domain)
     assert not mesh.keeps(from_rings(VERTICES[[0, 2, 3, 5]]))
-
-
-@pytest.mark.parametrize(("name", "count"), [("T1", 1), ("D9", 2), ("part:1", 6)])
-def test_loops_are_the_rings(name: str, count: int) -> None:
-    domain = load(name)
-    found = loops(domain)
-    assert len(found) == count
-    edges = {edge for loop in found for edge in zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)}
-    assert edges == {tuple(edge) for edge in domain.segments.tolist()}
-    areas = [area(domain.points, loop[None])[0] for loop in found]
-    assert areas[0] > 0
-    assert all(a < 0 for a in areas[1:])
-    assert sum(areas) == pytest.approx(domain.area)
 
 
 @given(st.booleans())

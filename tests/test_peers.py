@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from envs.domain import from_rings, load
+from envs.rings import loops
 from envs.types import Domain
 from freemesh_ray.compare.command import NAMES
-from freemesh_ray.compare.element_metrics import figures
 from freemesh_ray.compare.gmsh_mesher import VARIANTS, gmsh_mesh, started
 from freemesh_ray.compare.isolated import isolated
-from freemesh_ray.compare.loops import loops
 from freemesh_ray.compare.meshers import PEERS, peers
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
 from freemesh_ray.compare.netgen_mesher import netgen_mesh
+from freemesh_ray.metrics import measure
 
 
 def covered(mesh: MixedMesh) -> float:
@@ -62,14 +62,14 @@ def test_a_square_of_squares_is_perfect() -> None:
     pytest.importorskip("gmsh")
     side = np.arange(6.0)
     ring = [*((x, 0) for x in side), *((6, y) for y in side), *((6 - x, 6) for x in side), *((0, 6 - y) for y in side)]
-    found = figures(gmsh_mesh(from_rings(ring), "gmsh-8"))
-    assert (found["quads"], found["triangles"], found["singularity"]) == (36, 0, 0)
+    found = measure(gmsh_mesh(from_rings(ring), "gmsh-8"))
+    assert (found["elements"], found["triangles"], found["singularity"]) == (36, 0, 0)
     assert found["eta"] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_pairs_keep_the_corners() -> None:
     domain = from_rings([[1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1], [0, 0]])
-    (loop,) = loops(domain)
+    (loop,) = loops(domain.segments)
     kept = domain.points[started(domain, loop)[::2]]
     assert {tuple(point) for point in kept.tolist()} == {(0, 0), (2, 0), (2, 2), (0, 2)}
 
@@ -77,7 +77,7 @@ def test_pairs_keep_the_corners() -> None:
 def test_odd_loops_have_no_pairs() -> None:
     outer = [[0, 0], [4, 0], [8, 0], [8, 8], [0, 8]]
     with pytest.raises(PeerError, match="loop of 5 vertices"):
-        started(domain := from_rings(outer, [[[3, 3], [5, 3], [4, 5]]]), loops(domain)[0])
+        started(domain := from_rings(outer, [[[3, 3], [5, 3], [4, 5]]]), loops(domain.segments)[0])
 
 
 def test_the_names_are_those_of_the_command() -> None:
@@ -101,6 +101,16 @@ def test_netgen_keeps_unequal_segments() -> None:
     lengths = np.linalg.norm(np.diff(domain.points[domain.segments], axis=1)[:, 0], axis=1)
     assert lengths.max() > 2 * lengths.min()
     assert netgen_mesh(domain).keeps(domain)
+
+
+def test_gmsh_leaves_broken_pipes_an_error() -> None:
+    pytest.importorskip("gmsh")
+    gmsh_mesh(load("T1"), "gmsh-default")
+    end, other = os.pipe()
+    os.close(end)
+    with pytest.raises(BrokenPipeError):
+        os.write(other, b"x")
+    os.close(other)
 
 
 def dies(domain: Domain, name: str) -> MixedMesh:

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from freemesh_ray.atomic import OutputError
-from freemesh_ray.colours import scale
-from freemesh_ray.metrics import measure
-from freemesh_ray.plots import caption, draw_boxes, draw_curves, draw_mesh, draw_side_by_side
+from freemesh_ray.colours import TRIANGLE, scale
+from freemesh_ray.compare.mixed_mesh import assembled
+from freemesh_ray.plots import PANELS, caption, draw_boxes, draw_curves, draw_mesh, draw_side_by_side
 
 
 def star(n: int) -> Mesh:
@@ -150,40 +151,50 @@ def test_nothing_to_draw_is_no_error(tmp_path: Path, series: dict):
 # ---- comparisons -----------------------------------------------------------------------------------------------------
 
 
-def samples(count: int, seed: int) -> list[dict[str, float]]:
+def samples(count: int, seed: int) -> dict[str, dict[str, np.ndarray]]:
+    """Values of three meshers for every metric, the third without any."""
     rng = np.random.default_rng(seed)
-    return [{name: value + rng.normal(0, 0.05) for name, value in measure(star(5)).items()} for _ in range(count)]
+    return {
+        metric: {"ours": rng.uniform(0, 1, count), "theirs": rng.uniform(0, 0.5, 2 * count), "none": np.empty(0)}
+        for metric in PANELS
+    }
 
 
-def test_boxes_show_quartiles_median_and_every_mesh(tmp_path: Path):
-    groups = {"ours": samples(9, 0), "theirs": samples(6, 1), "none": []}
-    figure = draw_boxes(groups, tmp_path / "boxes.png", metrics=["eta", "taper"], title="Two")
-    assert [axes.get_title() for axes in figure.axes] == ["element quality $\\eta$", "taper"]
-    assert [axes.texts[0].get_text() for axes in figure.axes] == ["→ higher is better", "← lower is better"]
-    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["ours", "theirs", "none"]
-    for axes, metric in zip(figure.axes, ["eta", "taper"], strict=True):
-        for row, box in enumerate(axes.patches):
-            values = np.array([entry[metric] for entry in groups[list(groups)[row]]])
-            x = box.get_path().vertices[:, 0]
-            np.testing.assert_allclose([x.min(), x.max()], np.percentile(values, [25, 75]))
-            np.testing.assert_array_equal(axes.collections[row].get_offsets()[:, 0], values)
-            lines = [line.get_xdata() for line in axes.lines if np.allclose(line.get_ydata(), row, atol=0.3)]
-            assert any(np.allclose(line, np.median(values)) for line in lines)
+@pytest.mark.parametrize("count", [6, 60], ids=["few", "many"])
+def test_boxes_show_quartiles_median_and_values(tmp_path: Path, count: int):
+    values = samples(count, 0)
+    figure = draw_boxes(values, tmp_path / "boxes.png", metrics=["eta", "triangles"], title="Two")
+    assert [axes.get_title() for axes in figure.axes] == ["element quality $\\eta$", "triangles"]
+    notes = [axes.texts[0].get_text() for axes in figure.axes]
+    assert notes == ["each element · ↑ higher is better", "each mesh · ↓ lower is better"]
     assert figure.get_suptitle() == "Two"
+    for axes, metric in zip(figure.axes, ["eta", "triangles"], strict=True):
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["ours", "theirs", "none"]
+        assert len(axes.patches) == 2
+        for place, (box, drawn) in enumerate(zip(axes.patches, values[metric].values(), strict=False)):
+            heights = box.get_path().vertices[:, 1]
+            np.testing.assert_allclose([heights.min(), heights.max()], np.percentile(drawn, [25, 75]))
+            lines = [line.get_ydata() for line in axes.lines if np.allclose(line.get_xdata(), place, atol=0.4)]
+            assert any(len(line) == 2 and np.allclose(line, np.median(drawn)) for line in lines)
+            low, high = axes.get_ylim()
+            assert low <= drawn.min() <= drawn.max() <= high
+        if count <= 10:
+            np.testing.assert_array_equal(axes.collections[0].get_offsets()[:, 1], values[metric]["ours"])
 
 
-def test_boxes_leave_out_what_is_no_number_and_name_unknown_metrics_as_they_are(tmp_path: Path):
-    groups = {"ours": [{"cost": 1.0}, {"cost": float("nan")}, {}, {"cost": 3.0}]}
-    figure = draw_boxes(groups, tmp_path / "boxes.svg", metrics=["cost", "gain"])
-    assert [axes.get_title() for axes in figure.axes] == ["cost", "gain"]
-    assert figure.axes[0].collections[0].get_offsets()[:, 0].tolist() == [1.0, 3.0]
-    assert not figure.axes[1].collections
+def test_values_off_the_scale_are_counted_and_infinite_ones_left_out(tmp_path: Path):
+    values = {"taper": {"ours": np.array([0.1, 0.2, 0.3, 7.0, np.inf, np.nan]), "theirs": np.array([0.5, -1.0])}}
+    (axes,) = draw_boxes(values, tmp_path / "boxes.svg", metrics=["taper"]).axes
+    assert axes.texts[0].get_text() == "each element · ↓ lower is better · 2 off scale"
+    assert axes.get_ylim() == pytest.approx((0.1 - 0.016, 0.5 + 0.016))
 
 
-def test_the_default_panels_are_metrics_of_a_mesh(tmp_path: Path):
-    figure = draw_boxes({"ours": samples(3, 0)}, tmp_path / "boxes.png")
-    assert len(figure.axes) == 8
-    assert all(len(axes.patches) == 1 for axes in figure.axes)
+def test_the_default_panels_are_the_papers_eight(tmp_path: Path):
+    figure = draw_boxes(samples(3, 0), tmp_path / "boxes.png")
+    assert len(figure.axes) == len(PANELS) == 8
+    assert all(len(axes.patches) == 2 for axes in figure.axes)
+    labels = [[label.get_text() for label in axes.get_xticklabels()] for axes in figure.axes]
+    assert labels == [[]] * 4 + [["ours", "theirs", "none"]] * 4
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
@@ -197,6 +208,22 @@ def test_meshes_side_by_side_share_one_scale_and_one_extent(tmp_path: Path, coun
     assert {axes.collections[0].get_clim() for axes in panels} == {bar.get_ylim()} == {(0.0, 1.0)}
     shown = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert len(set(shown)) == len(shown) <= 2
+
+
+def test_triangles_are_red_and_a_failure_is_an_empty_panel(tmp_path: Path):
+    whole = star(5)
+    (a, b, c, d), quads = whole.quads[0], whole.quads[1:]
+    mixed = assembled("mixed", whole.vertices, quads, [[a, b, c], [a, c, d]], 1.0)
+    figure = draw_side_by_side({"mixed": mixed, "failed": None}, tmp_path / "side.png")
+    panel, empty, _ = figure.axes
+    assert panel.texts[0].get_text() == caption(mixed)
+    assert caption(mixed).startswith("4 quads · 2 triangles · 1 irregular node\n")
+    triangles = next(artist for artist in panel.collections if artist.get_label() == "triangle")
+    assert len(triangles.get_paths()) == 2
+    assert to_hex(triangles.get_facecolor()[0]) == TRIANGLE
+    assert "triangle" in [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert (empty.get_title(), empty.texts[0].get_text()) == ("failed", "no mesh")
+    assert not empty.collections
 
 
 def test_titles_and_figures_stay_on_the_page(tmp_path: Path):
@@ -216,7 +243,7 @@ def test_titles_and_figures_stay_on_the_page(tmp_path: Path):
 
 
 @pytest.mark.parametrize("draw", [
-    lambda path: draw_boxes({"ours": samples(3, 0)}, path),
+    lambda path: draw_boxes(samples(3, 0), path),
     lambda path: draw_side_by_side({"a": star(5), "b": part(star(6), 2)}, path),
 ], ids=["boxes", "side by side"])  # fmt: skip
 def test_comparisons_repeat_byte_by_byte_and_refuse_bad_places(tmp_path: Path, draw):
@@ -231,8 +258,10 @@ def test_comparisons_repeat_byte_by_byte_and_refuse_bad_places(tmp_path: Path, d
 def test_nothing_to_compare_is_said(tmp_path: Path):
     with pytest.raises(ValueError, match="give at least one"):
         draw_side_by_side({}, tmp_path / "a.png")
+    with pytest.raises(ValueError, match="give at least one"):
+        draw_side_by_side({"failed": None}, tmp_path / "a.png")
     with pytest.raises(ValueError, match="name at least one"):
-        draw_boxes({"ours": []}, tmp_path / "a.png", metrics=[])
+        draw_boxes({}, tmp_path / "a.png", metrics=[])
     assert not list(tmp_path.iterdir())
 
 

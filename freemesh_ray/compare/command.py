@@ -63,7 +63,7 @@ def grammar(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compare, with a line on stderr for each mesh and the tables on stdout.
+    """Compare, with a line on stderr for each mesh and brief tables on stdout.
 
     Raises:
         DomainError, PolicyError, RunError, MeshFileError, OutputError: what is wrong with the input.
@@ -83,7 +83,14 @@ def run(options: argparse.Namespace) -> int:
     if not columns:
         raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
     done = compare(domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures)
-    print(report.text([row for entry in done for row in entry.rows]), end="")
+    note("")
+    print(report.summary([row for entry in done for row in entry.rows]))
+    note("")
+    if folder is None:
+        note("all metrics and pictures: --out FOLDER")
+    else:
+        pictures = ", boxes.png, a picture of each domain" if options.pictures else ""
+        note(f"written to {folder}: comparison.md and comparison.csv with all metrics{pictures}")
     return 0
 
 

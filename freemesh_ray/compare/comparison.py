@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from envs.types import Domain, DomainError
-from freemesh_ray.compare import pictures, report
-from freemesh_ray.compare.element_metrics import figures
+from envs.types import Domain, DomainError, Floats
+from freemesh_ray import plots
+from freemesh_ray.compare import report
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
-from freemesh_ray.compare.row import Row
+from freemesh_ray.compare.pooled import pooled
+from freemesh_ray.compare.row import Row, figures
 from freemesh_ray.mesher import MeshingError
+
+#: Up to so many domains are named in the title of the box plots.
+NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,16 @@ class Compared:
     domain: Domain
     rows: list[Row]
     meshes: list[MixedMesh]
+
+    @property
+    def panels(self) -> dict[str, MixedMesh | None]:
+        """What the domain's picture shows: label -> mesh, None where there is none."""
+        made = {mesh.mesher: mesh for mesh in self.meshes}
+        changed = {row.mesher for row in self.rows if row.figures is not None and not row.keeps_boundary}
+        return {
+            f"{row.mesher} (boundary changed)" if row.mesher in changed else row.mesher: made.get(row.mesher)
+            for row in self.rows
+        }
 
 
 def compare(
@@ -68,13 +83,31 @@ def compare(
             if folder is not None:
                 report.write(folder, [row for entry in done for row in entry.rows])
             if folder is not None and drawn and compared.meshes:
-                pictures.draw_meshes(compared.meshes, domain, folder / f"{file_name(domain.name)}.png")
+                plots.draw_side_by_side(compared.panels, folder / f"{file_name(domain.name)}.png", domain.name)
     finally:
         if folder is not None and any(entry.rows for entry in done):
             report.write(folder, [row for entry in done for row in entry.rows])
             if drawn and any(entry.meshes for entry in done):
-                pictures.draw_boxes(pictures.boxes([entry.meshes for entry in done]), folder / "boxes.png")
+                plots.draw_boxes(box_values(done), folder / "boxes.png", title=title([entry.domain for entry in done]))
     return done
+
+
+def box_values(done: Sequence[Compared]) -> dict[str, dict[str, Floats]]:
+    """Metric -> mesher -> values over all domains, (k,).
+
+    A mesher that failed on some domains is called ``name (2/3)``: its values are of other domains than the others'.
+    """
+    names = report.distinct(row.mesher for entry in done for row in entry.rows)
+    meshes = [mesh for entry in done for mesh in entry.meshes]
+    made = Counter(mesh.mesher for mesh in meshes)
+    labels = [name if made[name] == len(done) else f"{name} ({made[name]}/{len(done)})" for name in names]
+    values = pooled(plots.PANELS, names, meshes)
+    return {metric: dict(zip(labels, of_mesher.values(), strict=True)) for metric, of_mesher in values.items()}
+
+
+def title(domains: Sequence[Domain]) -> str:
+    """What the box plots are of."""
+    return ", ".join(domain.name for domain in domains) if len(domains) <= NAMED else f"{len(domains)} domains"
 
 
 def rows(mesher: Mesher, domain: Domain) -> list[tuple[Row, MixedMesh | None]]:

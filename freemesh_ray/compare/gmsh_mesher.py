@@ -5,6 +5,7 @@ Sizes inside come from the boundary segments alone (Mesh.MeshSizeExtendFromBound
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -13,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.rings import loops
 from envs.types import Domain, Ints
-from freemesh_ray.compare.loops import loops
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 
 #: Gmsh's numbers for kinds of element.
@@ -87,6 +88,8 @@ def model(options: Mapping[str, float]) -> Iterator[Any]:
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
+        # Gmsh has SIGPIPE end the process: that of `isolated`, too, when a mesher's own process crashes. Ignored again.
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         gmsh.option.setNumber("General.Terminal", 0)
         for option, value in options.items():
             gmsh.option.setNumber(option, value)
@@ -106,7 +109,7 @@ def build(gmsh: Any, domain: Domain, paired: bool) -> list[tuple[int, int]]:
     """
     geometry, wires = gmsh.model.geo, []
     middles: list[tuple[int, int]] = []
-    for loop in loops(domain):
+    for loop in loops(domain.segments):
         corners = loop
         if paired:
             loop = started(domain, loop)

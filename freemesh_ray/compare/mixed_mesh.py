@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from envs.mesh import Mesh
+from envs.mesh import Mesh, edges_of, sides
 from envs.types import Domain, Floats, Ints
 
 
@@ -43,24 +43,34 @@ class MixedMesh:
     @cached_property
     def edges(self) -> tuple[Ints, Ints]:
         """Distinct undirected edges (e, 2) int64, and how many elements use each, (e,) int64."""
-        pairs = np.concatenate([sides(self.quads), sides(self.triangles)])
-        return np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
+        return edges_of(self.quads, self.triangles)
 
     @property
-    def boundary(self) -> Ints:
-        """(b, 2) int64: the edges that one element alone uses."""
+    def valence(self) -> Ints:
+        """(n,) int64: edges that meet at each vertex."""
+        distinct, _ = self.edges
+        return np.bincount(distinct.ravel(), minlength=len(self.vertices))
+
+    @property
+    def segments(self) -> Ints:
+        """(s, 2) int64: the boundary: the edges that one element alone uses."""
         distinct, counts = self.edges
         return distinct[counts == 1]
 
+    @property
+    def complete(self) -> bool:
+        """Whether its mesher held it to be finished: no other is handed out."""
+        return True
+
     def keeps(self, domain: Domain) -> bool:
         """Whether the boundary edges are exactly the domain's given segments, within a millionth of its diameter."""
-        own = np.unique(self.boundary)
+        own = np.unique(self.segments)
         distance, nearest = cKDTree(domain.points[: len(domain.segments)]).query(self.vertices[own])
-        if len(self.boundary) != len(domain.segments) or distance.max() > 1e-6 * domain.diameter:
+        if len(self.segments) != len(domain.segments) or distance.max() > 1e-6 * domain.diameter:
             return False
         place = np.zeros(len(self.vertices), dtype=np.int64)
         place[own] = nearest
-        found = {tuple(edge) for edge in np.sort(place[self.boundary], axis=1).tolist()}
+        found = {tuple(edge) for edge in np.sort(place[self.segments], axis=1).tolist()}
         return found == {tuple(edge) for edge in np.sort(domain.segments, axis=1).tolist()}
 
 
@@ -99,18 +109,13 @@ def counterclockwise(points: Floats, blocks: Sequence[Ints]) -> list[Ints]:
     for elements in blocks:
         x, y = np.moveaxis(points[elements], -1, 0)
         areas.append((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1))
-    walked = np.concatenate([sides(elements) for elements in blocks])
+    walked = np.concatenate([sides(elements).reshape(-1, 2) for elements in blocks])
     if len(np.unique(walked, axis=0)) == len(walked):  # no side is walked twice in one direction
         total = sum(float(area.sum()) for area in areas)
         areas = [np.full(len(area), total) for area in areas]
     return [
         np.where((area < 0)[:, None], elements[:, ::-1], elements) for area, elements in zip(areas, blocks, strict=True)
     ]
-
-
-def sides(elements: Ints) -> Ints:
-    """(m k, 2): the sides of (m, k) elements, as they are walked."""
-    return np.stack([elements, np.roll(elements, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
 def of_mesh(mesh: Mesh, mesher: str, seconds: float) -> MixedMesh:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.rings import loops
 from envs.types import Domain
-from freemesh_ray.compare.loops import loops
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 
 #: Tried until there is a mesh that divides no given segment: the higher, the finer Netgen wants it near short segments.
@@ -50,7 +50,7 @@ def polygon(domain: Domain) -> Any:
     from netgen.geom2d import SplineGeometry
 
     geometry = SplineGeometry()
-    for loop in loops(domain):
+    for loop in loops(domain.segments):
         tags = [geometry.AppendPoint(*point) for point in domain.points[loop].tolist()]
         for a, b in zip(tags, tags[1:] + tags[:1], strict=True):
             geometry.Append(["line", a, b], leftdomain=1, rightdomain=0)

@@ -1,22 +1,23 @@
-"""The comparison's tables: Markdown for people, CSV for programs."""
+"""The comparison's tables: a brief one for the terminal, Markdown with all metrics, CSV for programs."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from freemesh_ray.atomic import replacing
-from freemesh_ray.compare.markdown import number, table
 from freemesh_ray.compare.row import Row
+from freemesh_ray.table import markdown, number, table
 
 #: Figure -> column, format. Those marked * are by the authors' definitions.
 COLUMNS: dict[str, tuple[str, str]] = {
-    "quads": ("quads", ".0f"),
+    "elements": ("elements", ".0f"),
     "triangles": ("tri", ".1f"),
     "non_convex": ("bent", ".1f"),
     "singularity": ("sing", ".0f"),
@@ -36,16 +37,51 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "elements_per_second": ("elements/s", ",.0f"),
 }
 
+#: Figure -> column, format: what the terminal shows.
+BRIEF_COLUMNS: dict[str, tuple[str, str]] = {
+    "elements": ("elements", ".0f"),
+    "triangles": ("triangles", ".1f"),
+    "singularity": ("irregular", ".0f"),
+    "eta": ("eta", ".3f"),
+    "eta_p5": ("eta p5", ".3f"),
+    "eta_min": ("eta min", ".3f"),
+    "scaled_jacobian": ("scaled Jac.", ".3f"),
+    "milliseconds": ("ms", ".1f"),
+}
+
 #: Means of these have a decimal, their values have none.
 COUNTS = ("triangles", "non_convex")
 
 LEGEND = """\
-tri: triangles left; bent: elements with a corner of 180 degrees or more; sing: interior vertices whose valence is not
-4; eta, p5, min: mean, 5th percentile and least element quality; min, max angle: |least - 90|, |largest - 90| degrees;
-SJ: scaled Jacobian; taper: by triangles' areas, as the paper words it. With a star, as the authors' code has them:
-sing*: vertices, boundary included, of other than 1, 2 or 4 elements; min, max angle*: least and largest of the four
-|angle - 90|; taper*: Verdict's. Element metrics are means over the quadrilaterals. ms: meshing alone;
-in means the median, and elements/s all elements over all seconds."""
+- tri: triangles among the elements; bent: elements with a corner of 180 degrees or more
+- sing: interior vertices whose valence is not 4
+- eta, p5, min: mean, 5th percentile and least element quality
+- min angle, max angle: |least angle - 90| and |largest angle - 90|, degrees
+- SJ: scaled Jacobian; taper: by triangles' areas, as the paper words it
+- ms: time of the meshing alone, in means the median; elements/s: in means all elements over all seconds
+- with a star, as the authors' code has them: sing*: vertices, boundary included, of other than 1, 2 or 4 elements;
+  min angle*, max angle*: least and largest of the four |angle - 90|; taper*: Verdict's
+
+Element metrics are means over the quadrilaterals.
+"""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How tables look.
+
+    Attributes:
+        columns: figure -> column, format.
+        table: header and rows -> text.
+        heading: before a table's title.
+    """
+
+    columns: Mapping[str, tuple[str, str]]
+    table: Callable[[Sequence[str], Sequence[Sequence[str]]], str]
+    heading: str
+
+
+FULL, BRIEF = Layout(COLUMNS, markdown, "### "), Layout(BRIEF_COLUMNS, table, "")
 
 
 def line(row: Row) -> str:
@@ -53,46 +89,61 @@ def line(row: Row) -> str:
     if row.figures is None:
         return f"{row.domain}  {row.mesher}: failed: {row.failure}"
     found = row.figures
+    triangles = f" ({found['triangles']:.0f} of them triangles)" if found["triangles"] else ""
     return (
-        f"{row.domain}  {row.mesher}: {found['quads']:.0f} quads, {found['triangles']:.0f} triangles, "
+        f"{row.domain}  {row.mesher}: {found['elements']:.0f} elements{triangles}, "
         f"eta {number(found['eta'], '.3f')}, {found['singularity']:.0f} irregular, "
         f"{number(1e3 * found['seconds'], '.0f')} ms"
     )
 
 
 def text(rows: Sequence[Row]) -> str:
-    """All tables: one for each domain, then the means over the domains."""
-    parts = [domain_table(list(group)) for _, group in groupby(rows, key=lambda row: row.domain)]
+    """All tables in Markdown with all metrics, and what the columns are."""
+    return f"{tables(rows, FULL)}\n\n{LEGEND}"
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """All tables in plain text with the figures that tell most."""
+    return tables(rows, BRIEF)
+
+
+def tables(rows: Sequence[Row], layout: Layout) -> str:
+    """One table for each domain, then the means over the domains."""
+    parts = [domain_table(list(group), layout) for _, group in groupby(rows, key=lambda row: row.domain)]
     names = distinct(row.domain for row in rows)
     if len(names) > 1:
-        parts.append(mean_table(rows, names, "Mean over the domains that each completed"))
+        parts.append(mean_table(rows, names, "Mean over the domains that each completed", layout))
         shared = completed_by_all(rows, names)
-        if 0 < len(shared) < len(names):
+        if 1 < len(shared) < len(names):
             title = f"Mean over the {len(shared)} domains that all completed"
-            parts.append(mean_table([row for row in rows if row.domain in shared], shared, title))
-    return "\n\n".join([*parts, LEGEND]) + "\n"
+            parts.append(mean_table([row for row in rows if row.domain in shared], shared, title, layout))
+    return "\n\n".join(parts)
 
 
-def domain_table(rows: Sequence[Row]) -> str:
+def domain_table(rows: Sequence[Row], layout: Layout) -> str:
     """The meshers on one domain, and below the table why some have no mesh."""
     lines = [
-        [row.mesher, *cells(plain(row.figures)), "kept" if row.keeps_boundary else "CHANGED"]
+        [row.mesher, *cells(plain(row.figures), layout), "kept" if row.keeps_boundary else "CHANGED"]
         for row in rows
         if row.figures is not None
     ]
-    notes = [f"- {row.mesher} failed: {row.failure}" for row in rows if row.figures is None]
-    header = ["mesher", *(title for title, _ in COLUMNS.values()), "boundary"]
-    return "\n\n".join(filter(None, [f"### {rows[0].domain}", table(header, lines) if lines else "", "\n".join(notes)]))
+    header = ["mesher", *(title for title, _ in layout.columns.values()), "boundary"]
+    parts = [layout.heading + rows[0].domain]
+    if lines:
+        parts.append(layout.table(header, lines))
+    if failures := [f"- {row.mesher} failed: {row.failure}" for row in rows if row.figures is None]:
+        parts.append("\n".join(failures))
+    return "\n\n".join(parts)
 
 
-def mean_table(rows: Sequence[Row], domains: Sequence[str], title: str) -> str:
+def mean_table(rows: Sequence[Row], domains: Sequence[str], title: str, layout: Layout) -> str:
     """Each mesher's means over its domains."""
     lines = []
     for mesher in distinct(row.mesher for row in rows):
         own = [row.figures for row in rows if row.mesher == mesher and row.figures is not None]
-        lines.append([mesher, f"{len(own)}/{len(domains)}", *cells(means(own))])
-    header = ["mesher", "domains", *(name for name, _ in COLUMNS.values())]
-    return f"### {title}\n\n{table(header, lines)}"
+        lines.append([mesher, *cells(means(own), layout), f"{len(own)}/{len(domains)}"])
+    header = ["mesher", *(name for name, _ in layout.columns.values()), "domains"]
+    return f"{layout.heading}{title}\n\n{layout.table(header, lines)}"
 
 
 def means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -101,7 +152,7 @@ def means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
         return dict.fromkeys(COLUMNS, math.nan)
     found = {key: float(np.mean([entry[key] for entry in figures])) for key in figures[0]}
     seconds = np.array([entry["seconds"] for entry in figures])
-    elements = sum(entry["quads"] + entry["triangles"] for entry in figures)
+    elements = sum(entry["elements"] for entry in figures)
     found["milliseconds"] = float(1e3 * np.median(seconds))
     found["elements_per_second"] = float(elements / seconds.sum()) if seconds.sum() > 0 else math.nan
     return found
@@ -112,10 +163,10 @@ def plain(figures: Mapping[str, float]) -> dict[str, float]:
     return {**figures, "milliseconds": 1e3 * figures["seconds"]}
 
 
-def cells(figures: Mapping[str, float]) -> list[str]:
+def cells(figures: Mapping[str, float], layout: Layout) -> list[str]:
     """The columns' texts."""
     found = []
-    for key, (_, form) in COLUMNS.items():
+    for key, (_, form) in layout.columns.items():
         value = figures[key]
         found.append(number(value, ".0f" if key in COUNTS and value.is_integer() else form))
     return found

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+
+from freemesh_ray.compare.mixed_mesh import MixedMesh
+from freemesh_ray.metrics import measure
 
 
 @dataclass(frozen=True)
@@ -13,7 +17,7 @@ class Row:
     Attributes:
         domain: the domain's name.
         mesher: the mesher's.
-        figures: of its mesh, by the names of element_metrics.figures; None when it failed.
+        figures: of its mesh, by the names of :func:`figures`; None when it failed.
         keeps_boundary: whether the mesh has exactly the given boundary segments.
         failure: why there is no mesh; "" when there is.
     """
@@ -23,3 +27,10 @@ class Row:
     figures: Mapping[str, float] | None
     keeps_boundary: bool
     failure: str
+
+
+def figures(mesh: MixedMesh) -> dict[str, float]:
+    """Those of metrics.measure, ``seconds`` and ``elements_per_second``, both NaN where the time is unknown."""
+    found = measure(mesh)
+    speed = found["elements"] / mesh.seconds if mesh.seconds > 0 else math.nan
+    return found | {"seconds": mesh.seconds, "elements_per_second": speed}

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from envs.mesh import Mesh
+from envs.mesh import Mesh, sides
 from envs.quality import element_quality
+from envs.rings import loops, signed_area
 from envs.types import Floats, Ints
 
 
@@ -94,7 +93,7 @@ def _corners(mesh: Mesh) -> tuple[Floats, Ints]:
 
 
 def _with_middles(mesh: Mesh) -> tuple[Floats, Ints]:
-    ends = np.sort(_sides(mesh.quads), axis=-1).reshape(-1, 2)
+    ends = np.sort(sides(mesh.quads), axis=-1).reshape(-1, 2)
     edges, edge_of = np.unique(ends, axis=0, return_inverse=True)
     middles = 0.5 * (mesh.vertices[edges[:, 0]] + mesh.vertices[edges[:, 1]])
     numbers = len(mesh.vertices) + edge_of.reshape(-1, 4)
@@ -103,31 +102,22 @@ def _with_middles(mesh: Mesh) -> tuple[Floats, Ints]:
 
 def _loop_of(mesh: Mesh) -> Ints:
     """(n,) int64: the loop that a vertex belongs to, 0 for the outer one; -1 for vertices inside."""
-    n, (start, end) = len(mesh.vertices), mesh.segments.T
-    _, part = connected_components(coo_array((np.ones(len(start)), (start, end)), shape=(n, n)), directed=False)
-    given = np.flatnonzero(mesh.on_boundary)
-    parts, first = np.unique(part[given], return_index=True)
-    # No loop reaches farther left than the one around all others.
-    outer = part[given[np.argmin(mesh.vertices[given, 0])]]
-    number = np.full(n, -1)
-    number[parts[np.lexsort([first, parts != outer])]] = np.arange(len(parts))
-    return np.where(mesh.on_boundary, number[part], -1)
+    number = np.full(len(mesh.vertices), -1)
+    order = sorted(loops(mesh.segments), key=lambda loop: (signed_area(mesh.vertices[loop]) < 0, loop.min()))
+    for i, loop in enumerate(order):
+        number[loop] = i
+    return number
 
 
 def _curve(name: str, mesh: Mesh, elements: Ints, member: np.ndarray) -> Curve:
     """The curve through the vertices that are members, (n,) bool."""
     chosen = mesh.segments[member[mesh.segments[:, 0]]]
-    sides = _sides(mesh.quads)
-    element, side = np.nonzero(np.isin(_keys(sides), _keys(chosen)))
-    lines = sides[element, side]
+    ends = sides(mesh.quads)
+    element, side = np.nonzero(np.isin(_keys(ends), _keys(chosen)))
+    lines = ends[element, side]
     if elements.shape[1] == 8:
         lines = np.column_stack([lines, elements[element, 4 + side]])
     return Curve(name, np.union1d(chosen, lines), element, side, lines)
-
-
-def _sides(quads: Ints) -> Ints:
-    """(m, 4, 2) int64: the ends of every element's sides."""
-    return np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1)
 
 
 def _keys(edges: Ints) -> Ints:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.compare.command import peer_names
+from freemesh_ray.compare.command import note, peer_names
 
 TABLES = ("scalability", "generalisation", "quality", "observation", "density")
 
@@ -68,6 +67,8 @@ def run(options: argparse.Namespace) -> int:
         with replacing(path) as draft:
             draft.write_text(made, encoding="utf-8")
     print(made, end="")
+    if path is not None:
+        note(f"written: {path}")
     return 0
 
 
@@ -95,7 +96,9 @@ def quality(options: argparse.Namespace) -> str:
     files = mesh_file.files(options.mesh, found)
     columns = [*meshers.peers(options.peers, note), *files, meshers.ours(maker(options))]
     folder = Path(options.out) if options.out else None
-    return quality(compare(found, columns, folder, lambda row: note(report.line(row))))
+    done = compare(found, columns, folder, lambda row: note(report.line(row)))
+    note("")
+    return quality(done)
 
 
 def observation(options: argparse.Namespace) -> str:
@@ -160,8 +163,3 @@ def maker(options: argparse.Namespace) -> Any:
     if len(found) > 1:
         raise PolicyError(f"{options.table} is of one policy, {len(found)} are given; give --policy once")
     return make(next(iter(found.values())))
-
-
-def note(line: str) -> None:
-    """A line of progress."""
-    print(line, file=sys.stderr, flush=True)

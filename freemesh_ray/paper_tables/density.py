@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from envs.types import Domain
-from freemesh_ray.compare.markdown import table
 from freemesh_ray.paper_tables.published import published, spread_of
 from freemesh_ray.paper_tables.repeated import repeat
 from freemesh_ray.policy import Policy
+from freemesh_ray.table import markdown
 
 
 def density(policies: Mapping[str, Policy], domain: Domain, episodes: int) -> str:
@@ -29,14 +29,14 @@ def density(policies: Mapping[str, Policy], domain: Domain, episodes: int) -> st
         expected = paper["upsilon"].get(label)
         lines.append([label, f"{policy.parameters.upsilon:g}", "-" if expected is None else f"{expected:g}",
                       f"{len(elements)}/{episodes}", spread_of(elements, ".1f")])  # fmt: skip
-    parts = [table(["density", "weight", "paper's weight", "completed", "elements"], lines)]
+    parts = [markdown(["density", "weight", "paper's weight", "completed", "elements"], lines)]
     differences = []
     for name, printed in paper["differences"].items():
         more, less = name.split(" - ")
         if more in means and less in means:
             differences.append([name, f"{means[more] - means[less]:.1f}", f"{printed}"])
     if differences:
-        parts.append(table(["elements", "measured", "paper"], differences))
+        parts.append(markdown(["elements", "measured", "paper"], differences))
     parts.append(
         f"Measured on {domain.name}, {episodes} episodes of drawn actions, completed meshes only. "
         f"Paper: {paper['source']}.\n"

@@ -8,10 +8,10 @@ import numpy as np
 
 from envs.mesh import Mesh
 from envs.types import Domain, Ints
-from freemesh_ray.compare.markdown import table
 from freemesh_ray.compare.our_mesher import Make
 from freemesh_ray.mesher import MeshingError
 from freemesh_ray.paper_tables.published import published
+from freemesh_ray.table import markdown
 
 #: The paper's domains.
 DOMAINS = ("D4", "D5", "D6", "D7")
@@ -34,7 +34,10 @@ def generalisation(domains: Sequence[Domain], make: Make) -> str:
         lines.append([domain.name, "yes", *cells(counts), beside])
     lines.append(["all", f"{completed}/{len(domains)}", *cells(total), f"type 1 about {paper['share_of_type_1']:.0%}"])
     header = ["generalisation", "completed", "type 0", "type 1", "type 2", "actions", "type 1 share", "paper"]
-    return f"{table(header, lines)}\n\nPaper: {paper['source']}.\n"
+    return (
+        f"{markdown(header, lines)}\n\nAn action of type 0 adds no vertex, one of type 1 one, one of type 2 two. "
+        f"Paper: {paper['source']}.\n"
+    )
 
 
 def action_types(mesh: Mesh, domain: Domain) -> Ints:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from envs.types import Domain
-from freemesh_ray.compare.markdown import table
 from freemesh_ray.paper_tables.published import published, spread, spread_of
 from freemesh_ray.paper_tables.repeated import repeat
 from freemesh_ray.policy import Policy
+from freemesh_ray.table import markdown
 
 #: Quantity -> column, decimals.
 COLUMNS = {"eta": ("element quality", ".3f"), "elements": ("elements", ".1f"), "seconds": ("time (s)", ".3f")}
@@ -36,6 +36,6 @@ def observation(policies: Mapping[str, Policy], domain: Domain, episodes: int) -
     for title, _ in COLUMNS.values():
         header += [title, "paper"]
     return (
-        f"{table(header, lines)}\n\nMeasured on {domain.name}, {episodes} episodes of drawn actions, completed meshes "
-        f"only. Paper: {paper['source']}.\n"
+        f"{markdown(header, lines)}\n\nMeasured on {domain.name}, {episodes} episodes of drawn actions, completed "
+        f"meshes only. Paper: {paper['source']}.\n"
     )

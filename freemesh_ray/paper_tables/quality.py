@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from freemesh_ray.compare.comparison import Compared
-from freemesh_ray.compare.markdown import table
-from freemesh_ray.compare.pictures import boxes
+from freemesh_ray.compare.pooled import pooled
+from freemesh_ray.compare.report import distinct
 from freemesh_ray.paper_tables.published import published, spread, spread_of
+from freemesh_ray.table import markdown
 
 #: The paper's domains.
 DOMAINS = ("D7", "D8", "D9")
@@ -28,8 +29,8 @@ LINES = {
 def quality(compared: Sequence[Compared]) -> str:
     """The table: mean ± deviation, over all elements of all domains pooled, or over the domains for counts."""
     paper = published("quality")
-    values = boxes([entry.meshes for entry in compared])
-    meshers = list(values["eta"])
+    meshers = distinct(row.mesher for entry in compared for row in entry.rows)
+    values = pooled(list(LINES), meshers, [mesh for entry in compared for mesh in entry.meshes])
     lines = [
         [
             title,
@@ -47,7 +48,7 @@ def quality(compared: Sequence[Compared]) -> str:
         if row.figures is None
     ]
     return (
-        f"{table(header, lines)}\n\nMeasured on {domains}, by the authors' definitions. Paper: {paper['source']}.\n"
-        + "".join(failures)
-        + ("\n" if failures else "")
+        f"{markdown(header, lines)}\n\nL, H: lower or higher is better. Mean ± standard deviation over all elements, "
+        f"of singularity and triangles over the domains, by the authors' definitions.\nMeasured on {domains}. "
+        f"Paper: {paper['source']}.\n" + "".join(failures) + ("\n" if failures else "")
     )

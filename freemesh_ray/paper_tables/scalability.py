@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.types import Domain
-from freemesh_ray.compare.markdown import table
 from freemesh_ray.compare.our_mesher import Make
 from freemesh_ray.mesher import MeshingError
 from freemesh_ray.paper_tables.published import published
+from freemesh_ray.table import markdown
 
 #: The paper's domains.
 DOMAINS = ("D1", "D2", "D3")
@@ -40,7 +40,7 @@ def scalability(domains: Sequence[Domain], make: Make) -> str:
         [title, *(format(column[key], form) if key in column else "-" for column in columns)]
         for key, (title, form) in LINES.items()
     ]
-    return f"{table(header, lines)}\n\nPaper: {paper['source']}; elements/s is its elements over its time.\n"
+    return f"{markdown(header, lines)}\n\nPaper: {paper['source']}; elements/s is its elements over its time.\n"
 
 
 def measured(domain: Domain, make: Make) -> dict[str, float]:

@@ -1,54 +1,84 @@
-"""Box plots that compare meshers: a panel for each metric, a box for each mesher over its meshes."""
+"""Box plots that compare meshers: a panel for each metric, a box for each mesher."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from envs.types import Floats
 from freemesh_ray.colours import INK, SERIES
 from freemesh_ray.plots.page import page, save
 
-#: Metrics by their names in metrics.measure -> what panels call them, and which way is better.
-METRICS: dict[str, tuple[str, str]] = {
-    "eta": ("element quality $\\eta$", "higher"),
-    "scaled_jacobian": ("scaled Jacobian", "higher"),
-    "stretch": ("stretch", "higher"),
-    "taper": ("taper", "lower"),
-    "min_angle": ("|min angle − 90°|", "lower"),
-    "max_angle": ("|max angle − 90°|", "lower"),
-    "singularity": ("irregular nodes", "lower"),
-    "elements": ("elements", ""),
-    "triangles": ("triangles", "lower"),
-    "eta_p5": ("5th percentile of $\\eta$", "higher"),
-    "eta_min": ("least $\\eta$", "higher"),
+#: Which way is better.
+HIGHER, LOWER = "↑ higher is better", "↓ lower is better"
+
+
+class Metric(NamedTuple):
+    """How a metric is shown.
+
+    Attributes:
+        title: above its panel.
+        better: HIGHER or LOWER.
+        of: what has one value of it, an element or a mesh.
+        low, high: the ends of the scale at most; values beyond them are counted, not drawn.
+    """
+
+    title: str
+    better: str
+    of: str
+    low: float = 0.0
+    high: float = math.inf
+
+
+#: Metrics by their names in freemesh_ray.metrics.
+METRICS: dict[str, Metric] = {
+    "singularity": Metric("irregular nodes", LOWER, "mesh"),
+    "singularity_authors": Metric("singularity", LOWER, "mesh"),
+    "eta": Metric("element quality $\\eta$", HIGHER, "element", 0.0, 1.0),
+    "min_angle": Metric("|least angle − 90°|", LOWER, "element", 0.0, 90.0),
+    "min_angle_authors": Metric("least |angle − 90°|", LOWER, "element", 0.0, 90.0),
+    "max_angle": Metric("|largest angle − 90°|", LOWER, "element", 0.0, 90.0),
+    "max_angle_authors": Metric("largest |angle − 90°|", LOWER, "element", 0.0, 90.0),
+    "scaled_jacobian": Metric("scaled Jacobian", HIGHER, "element", 0.0, 1.0),
+    "stretch": Metric("stretch", HIGHER, "element", 0.0, 1.0),
+    "taper": Metric("taper", LOWER, "element", 0.0, 2.0),
+    "taper_paper": Metric("taper by triangles", LOWER, "element", 0.0, 1.0),
+    "triangles": Metric("triangles", LOWER, "mesh"),
 }
-#: The panels unless others are asked for.
-PANELS = ("eta", "scaled_jacobian", "stretch", "taper", "min_angle", "max_angle", "singularity", "elements")
+#: The panels of the paper's figure, whose values are by the authors' definitions.
+PANELS = (
+    "singularity_authors", "eta", "min_angle_authors", "max_angle_authors",
+    "scaled_jacobian", "stretch", "taper", "triangles",
+)  # fmt: skip
 COLUMNS = 4
+KEY = "box: quartiles, line: median, diamond: mean, whiskers: last value within 1.5 box lengths, dots: values"
+#: Up to so many values are drawn as dots, too.
+FEW_VALUES = 20
 
 
 def draw_boxes(
-    groups: Mapping[str, Sequence[Mapping[str, float]]],
+    values: Mapping[str, Mapping[str, Floats]],
     path: str | Path,
     metrics: Sequence[str] = PANELS,
     title: str | None = None,
 ) -> Figure:
-    """Draw the distribution of each metric over the meshes of each mesher.
+    """Draw the distribution of each metric's values for each mesher.
 
     A box reaches from the first to the third quartile, the line in it is the median, the diamond the mean; whiskers end
-    at the last value within 1.5 box lengths; every mesh is a dot.
+    at the last value within 1.5 box lengths, values beyond them are dots.
 
     Args:
-        groups: mesher -> the figures of its meshes (metrics.measure), one entry a mesh. Values that are missing or NaN
-            are left out.
+        values: metric, a key of `METRICS` -> mesher -> its values, (k,); the same meshers in the same order for every
+            metric. Values that are not finite are left out.
         path: PNG or SVG to write.
-        metrics: the panels in order, at least one: keys of the figures.
+        metrics: the panels in order, at least one.
         title: above all.
 
     Raises:
@@ -59,14 +89,14 @@ def draw_boxes(
         raise ValueError("draw_boxes: no metrics: name at least one")
     columns = min(COLUMNS, len(metrics))
     rows = math.ceil(len(metrics) / columns)
-    names = max((len(label) for label in groups), default=0)
-    height = rows * (0.8 + 0.34 * max(len(groups), 1)) + (0.5 if title else 0.1)
-    figure = page(columns * 2.5 + 0.08 * names, height)
-    panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel().tolist()
-    for axes, metric in zip(panels, metrics, strict=False):
-        _draw_metric(axes, metric, [_values(figures, metric) for figures in groups.values()])
-    panels[0].set_yticks(range(len(groups)), groups.keys(), color=INK)
-    panels[0].set_ylim(len(groups) - 0.4, -0.6)  # the first mesher on top
+    meshers = list(values[metrics[0]])
+    figure = page(columns * (1.3 + 0.42 * max(len(meshers), 3)), rows * 2.9 + (1.2 if title else 0.8))
+    panels = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for i, (axes, metric) in enumerate(zip(panels, metrics, strict=False)):
+        _draw_metric(axes, METRICS[metric], [each[np.isfinite(each)] for each in values[metric].values()])
+        names = meshers if i + columns >= len(metrics) else []  # below the lowest panels
+        axes.set_xticks(range(len(names)), names, rotation=35, ha="right", rotation_mode="anchor")
+    figure.supxlabel(KEY, color="#666666", fontsize=8)
     for axes in panels[len(metrics) :]:
         axes.remove()
     if title is not None:
@@ -75,40 +105,50 @@ def draw_boxes(
     return figure
 
 
-def _values(figures: Sequence[Mapping[str, float]], metric: str) -> Floats:
-    values = np.array([entry.get(metric, np.nan) for entry in figures], dtype=np.float64)
-    return values[np.isfinite(values)]
-
-
-def _draw_metric(axes: Axes, metric: str, samples: Sequence[Floats]) -> None:
-    label, better = METRICS.get(metric, (metric, ""))
-    for row, values in enumerate(samples):
+def _draw_metric(axes: Axes, metric: Metric, samples: Sequence[Floats]) -> None:
+    off_scale = 0
+    for place, values in enumerate(samples):
         if not len(values):
             continue
-        colour = SERIES[row % len(SERIES)]
+        colour = SERIES[place % len(SERIES)]
+        shown = values[(values >= metric.low) & (values <= metric.high)]
+        off_scale += len(values) - len(shown)
         axes.boxplot(
-            values, positions=[row], orientation="horizontal", widths=0.56, patch_artist=True, showmeans=True,
-            showfliers=False, manage_ticks=False,
+            values, positions=[place], widths=0.6, patch_artist=True, showmeans=True, manage_ticks=False,
+            showfliers=len(values) > FEW_VALUES,
             boxprops={"facecolor": f"{colour}40", "edgecolor": colour},
             whiskerprops={"color": colour}, capprops={"color": colour},
             medianprops={"color": colour, "linewidth": 2},
             meanprops={"marker": "D", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": colour},
+            flierprops={"marker": ".", "markersize": 3, "markerfacecolor": colour, "markeredgewidth": 0, "alpha": 0.5},
         )  # fmt: skip
-        # Dots of a box on a few heights in turn, so that equal values do not hide each other.
-        heights = row + 0.16 * (np.arange(len(values)) % 5 - 2) / 2
-        axes.scatter(values, heights, s=7, color=colour, alpha=0.6, linewidths=0, zorder=3)
-    axes.set_title(label, color=INK, fontsize=10, fontweight="bold", pad=16)
-    if better:
-        arrow = "→" if better == "higher" else "←"
-        axes.annotate(
-            f"{arrow} {better} is better", (0.5, 1.0), (0, 4), xycoords="axes fraction", textcoords="offset points",
-            ha="center", color="#666666", fontsize=8,
-        )  # fmt: skip
-    axes.grid(axis="x", color="#dddddd", linewidth=0.6)
+        if len(values) <= FEW_VALUES:
+            # On a few places in turn, so that equal values do not hide each other.
+            lanes = max(min(len(shown), 5), 1)
+            spread = place + 0.08 * (np.arange(len(shown)) % lanes - 0.5 * (lanes - 1))
+            axes.scatter(spread, shown, s=9, color=colour, alpha=0.7, linewidths=0, zorder=3)
+    _set_scale(axes, metric, np.concatenate([np.empty(0), *samples]))
+    axes.set_xlim(-0.6, len(samples) - 0.4)
+    axes.set_title(metric.title, color=INK, fontsize=11, fontweight="bold", pad=18)
+    note = f"each {metric.of} · {metric.better}" + (f" · {off_scale:,} off scale" if off_scale else "")
+    axes.annotate(
+        note, (0.5, 1.0), (0, 5), xycoords="axes fraction", textcoords="offset points", ha="center", color="#666666",
+        fontsize=8,
+    )  # fmt: skip
+    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.tick_params(axis="y", length=0)
-    axes.tick_params(axis="x", labelsize=8)
-    axes.locator_params(axis="x", nbins=5)
-    if not any(map(len, samples)):
-        axes.set_xticks([])
+    axes.spines[["top", "right", "bottom"]].set_visible(False)
+    axes.tick_params(axis="x", length=0)
+    axes.tick_params(axis="y", labelsize=8)
+
+
+def _set_scale(axes: Axes, metric: Metric, values: Floats) -> None:
+    """From the least to the largest value on the metric's scale, and a little more."""
+    shown = values[(values >= metric.low) & (values <= metric.high)]
+    if not len(shown):
+        axes.set_yticks([])
+        return
+    low, high = shown.min(), shown.max()
+    margin = 0.04 * (high - low) if high > low else 0.5
+    axes.set_ylim(low - margin, high + margin)
+    axes.yaxis.set_major_locator(MaxNLocator(6, integer=metric.of == "mesh"))

@@ -1,21 +1,23 @@
-"""The picture of a mesh: elements coloured by quality, the boundary in bold, irregular nodes marked."""
+"""The picture of a mesh: quadrilaterals coloured by quality, the boundary in bold, irregular nodes marked."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.figure import Figure, SubFigure
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
-from freemesh_ray.colours import COLOURS, FEW, FRONT, INK, MANY, QUALITY
+from freemesh_ray.colours import COLOURS, FEW, FRONT, INK, MANY, QUALITY, TRIANGLE
 from freemesh_ray.metrics import irregular, measure
+from freemesh_ray.plane_mesh import PlaneMesh
 from freemesh_ray.plots.page import WIDTH, page, save
 
 #: Irregular nodes by valence: (lowest, highest) -> marker, colour, label.
@@ -23,8 +25,6 @@ IRREGULAR: dict[tuple[float, float], tuple[str, str, str]] = {
     (0, 3): ("v", FEW, "valence 3"),
     (5, np.inf): ("s", MANY, "valence 5 and more"),
 }
-#: How their legend looks.
-LEGEND: dict[str, Any] = {"ncols": 2, "frameon": False, "fontsize": 8, "handletextpad": 0}
 #: Points, width of the boundary's lines in a picture of the full width.
 BOLD = 1.6
 
@@ -55,25 +55,30 @@ def draw_mesh(
     else:
         axes, figure = ax, ax.figure
     draw_panel(mesh, axes, mesh.name if title is None else title)
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        axes.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, 0.0), **LEGEND)
+    add_legend(axes, marks(axes), loc="upper center", bbox_to_anchor=(0.5, 0.0))
     if path is not None:
         save(figure, path)
     return figure
 
 
-def draw_panel(mesh: Mesh, axes: Axes, title: str, width: float = WIDTH) -> None:
-    """Draw a mesh into axes that are ``width`` inches wide, title and figures above.
+def draw_panel(mesh: PlaneMesh, axes: Axes, title: str, width: float = WIDTH) -> None:
+    """Draw a mesh into axes that are ``width`` inches wide, title and figures above; triangles are red.
 
     Lines and marks get finer as elements get smaller.
     """
-    fine = float(np.clip(12.0 / np.sqrt(len(mesh.quads) + 1.0) * width / WIDTH, 0.15, 0.7))
+    fine = float(np.clip(12.0 / np.sqrt(len(mesh.quads) + len(mesh.triangles) + 1.0) * width / WIDTH, 0.15, 0.7))
     if len(mesh.quads):
         elements = PolyCollection(list(mesh.vertices[mesh.quads]), cmap=COLOURS, norm=QUALITY, linewidths=fine)
         elements.set_array(element_quality(mesh.vertices, mesh.quads))
         elements.set_edgecolor("white")
         axes.add_collection(elements)
+    if len(mesh.triangles):
+        axes.add_collection(
+            PolyCollection(
+                list(mesh.vertices[mesh.triangles]), facecolors=TRIANGLE, edgecolors="white", linewidths=fine,
+                label="triangle",
+            )
+        )  # fmt: skip
     if not mesh.complete:
         axes.add_collection(LineCollection(list(mesh.vertices[_front(mesh)]), colors=FRONT, linewidths=1.2, zorder=3))
     bold = BOLD * np.sqrt(width / WIDTH)
@@ -108,9 +113,31 @@ def add_colour_bar(figure: Figure, panels: Sequence[Axes], rows: int = 1) -> Non
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-def caption(mesh: Mesh) -> str:
+def marks(axes: Axes) -> dict[str, Artist]:
+    """What a panel's legend explains: label -> what is drawn."""
+    handles, labels = axes.get_legend_handles_labels()
+    return dict(zip(labels, handles, strict=True))
+
+
+def add_legend(owner: Axes | Figure, entries: Mapping[str, Artist], **place: Any) -> None:
+    """The legend in one row, with marks of one size however small they are in the picture; none without entries."""
+    if not entries:
+        return
+    legend = owner.legend(
+        entries.values(), entries.keys(), ncols=len(entries), frameon=False, fontsize=8, handlelength=1,
+        handletextpad=0.4, **place,
+    )  # fmt: skip
+    for handle in legend.legend_handles:
+        if isinstance(handle, PathCollection):
+            handle.set_sizes([24.0])
+
+
+def caption(mesh: PlaneMesh) -> str:
     """The figures of a mesh on two lines: how many elements and irregular nodes, complete or not; the quality."""
-    counts = [_counted(len(mesh.quads), "element"), _counted(len(irregular(mesh)), "irregular node")]
+    counts = [_counted(len(mesh.quads), "quad" if len(mesh.triangles) else "element")]
+    if len(mesh.triangles):
+        counts.append(_counted(len(mesh.triangles), "triangle"))
+    counts.append(_counted(len(irregular(mesh)), "irregular node"))
     lines = [" · ".join(counts if mesh.complete else ["INCOMPLETE", *counts])]
     if len(mesh.quads):
         figures = measure(mesh)
@@ -123,7 +150,7 @@ def _counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
 
 
-def _front(mesh: Mesh) -> np.ndarray:
+def _front(mesh: PlaneMesh) -> np.ndarray:
     """(e, 2) int64: edges that still wait for an element, the given boundary's apart."""
     edges, counts = mesh.edges
     given = {tuple(edge) for edge in np.sort(mesh.segments, axis=1).tolist()}

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from envs.mesh import Mesh
-from freemesh_ray.colours import INK
-from freemesh_ray.plots.mesh import LEGEND, add_colour_bar, draw_panel
+from freemesh_ray.colours import FRONT, INK
+from freemesh_ray.plane_mesh import PlaneMesh
+from freemesh_ray.plots.mesh import add_colour_bar, add_legend, draw_panel, marks
 from freemesh_ray.plots.page import page, save
 
 PANEL = 3.7  # inches, width of a panel
@@ -20,11 +21,12 @@ PANEL = 3.7  # inches, width of a panel
 LANDSCAPE = 2.2
 
 
-def draw_side_by_side(meshes: Mapping[str, Mesh], path: str | Path, title: str | None = None) -> Figure:
+def draw_side_by_side(meshes: Mapping[str, PlaneMesh | None], path: str | Path, title: str | None = None) -> Figure:
     """Draw a panel a mesh, its figures above it; one colour bar and one legend for all.
 
     Args:
-        meshes: label -> mesh, complete or not, in the order of the panels; at least one.
+        meshes: label -> mesh, complete or not, or None where a mesher made none; in the order of the panels, at least
+            one that is a mesh.
         path: PNG or SVG to write.
         title: above all.
 
@@ -32,9 +34,10 @@ def draw_side_by_side(meshes: Mapping[str, Mesh], path: str | Path, title: str |
         OutputError: the place cannot be written to.
         ValueError: no mesh.
     """
-    if not meshes:
+    made = [mesh for mesh in meshes.values() if mesh is not None]
+    if not made:
         raise ValueError("draw_side_by_side: no meshes: give at least one")
-    points = np.concatenate([mesh.vertices for mesh in meshes.values()])
+    points = np.concatenate([mesh.vertices for mesh in made])
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = np.maximum(high - low, 1e-300)
     aspect = float(np.clip(height / width, 0.25, 2.5))
@@ -42,19 +45,27 @@ def draw_side_by_side(meshes: Mapping[str, Mesh], path: str | Path, title: str |
     columns = math.ceil(len(meshes) / rows)
     figure = page(columns * PANEL + 0.9, rows * (PANEL * aspect + 0.8) + (0.9 if title else 0.4))
     panels = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
-    marks: dict[str, Any] = {}
+    entries: dict[str, Artist] = {}
     for axes, (label, mesh) in zip(panels, meshes.items(), strict=False):
+        if mesh is None:
+            _draw_failure(axes, label)
+            continue
         draw_panel(mesh, axes, label, PANEL)
         margin = 0.02 * (high - low)
         axes.set(xlim=(low[0] - margin[0], high[0] + margin[0]), ylim=(low[1] - margin[1], high[1] + margin[1]))
-        handles, labels = axes.get_legend_handles_labels()
-        marks |= dict(zip(labels, handles, strict=True))
+        entries |= marks(axes)
     for axes in panels[len(meshes) :]:
         axes.remove()
     add_colour_bar(figure, panels[: len(meshes)], rows)
-    if marks:
-        figure.legend(marks.values(), marks.keys(), loc="outside lower center", **LEGEND)
+    add_legend(figure, entries, loc="outside lower center")
     if title is not None:
         figure.suptitle(title, color=INK, fontsize=14, fontweight="bold")
     save(figure, path)
     return figure
+
+
+def _draw_failure(axes: Axes, label: str) -> None:
+    """An empty panel where a mesher made no mesh."""
+    axes.set_axis_off()
+    axes.set_title(label, color=INK, fontsize=12, fontweight="bold", pad=31)
+    axes.text(0.5, 0.5, "no mesh", transform=axes.transAxes, ha="center", va="center", color=FRONT, fontsize=11)
