@@ -1,0 +1,5 @@
+"""A mesh in, a better one out; the boundary stays as it is."""
+
+from freemesh_ray.finish.finishing import Finished, finish
+
+__all__ = ["Finished", "finish"]
