@@ -396,12 +396,12 @@ def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front
 
 def with_room(template: Front, vertices: int, elements: int) -> Front:
     """A front at its beginning, with room for so many new mesh vertices and elements."""
-    padded = {
-        "points": np.pad(template.points, ((0, vertices), (0, 0))),
-        "size": np.pad(template.size, (0, vertices)),
-        "need": np.pad(template.need, (0, vertices)),
-    }
-    return template._replace(quads=np.zeros((elements, 4), dtype=np.int64), **padded)
+    return template._replace(
+        points=np.pad(template.points, ((0, vertices), (0, 0))),
+        size=np.pad(template.size, (0, vertices)),
+        need=np.pad(template.need, (0, vertices)),
+        quads=np.zeros((elements, 4), dtype=np.int64),
+    )
 
 
 def allocate(batch: int, slots: int, points: int, elements: int) -> Front:

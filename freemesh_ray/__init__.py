@@ -1,3 +1,24 @@
-"""freemesh-ray: reinforcement learning that meshes polygons, and the experiment platform around it."""
+"""freemesh-ray: reinforcement learning that meshes polygons, and the experiment platform around it.
 
+>>> mesh = freemesh_ray.mesh(shapely.Polygon(...), edge_length=0.1)
+>>> mesh.write("part.inp")
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from freemesh_ray.api import Mesh, mesh
+
+__all__ = ["Mesh", "mesh"]
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    # On demand: the platform's processes need no mesher.
+    if name in __all__:
+        from freemesh_ray import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

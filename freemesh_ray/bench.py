@@ -19,8 +19,7 @@ from envs.random_domain import circle
 from envs.types import Domain, MeshingParameters
 from freemesh_ray import plots
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.mesher.engine import grow
-from freemesh_ray.mesher.meshing import EXPLORATION
+from freemesh_ray.mesher import make
 from freemesh_ray.policy import Policy
 from freemesh_ray.table import table
 
@@ -31,13 +30,12 @@ DOMAIN, ENVS, RATIO = "T1", 16, 0.5
 FRAGMENTS = (8, 64, 256)
 CURVE_SEEDS = (356, 567, 999)
 CURVE_STEPS = 60_000
-#: Vertices of the discs and crosses that the mesher is timed on, and attempts at each.
+#: Vertices of the discs and crosses that the mesher is timed on.
 DISCS, CROSSES = (50, 100, 250, 500, 1000, 2000), (250, 500, 1000, 2000)
-ATTEMPTS = 10
 
 
-def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy | None = None) -> None:
-    """Print the tables of the given parts; ``curves`` also writes into ``folder``, ``mesher`` needs a policy."""
+def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy) -> None:
+    """Print the tables of the given parts; ``curves`` also writes into ``folder``, ``mesher`` is the policy's."""
     measurements: dict[str, Callable[[], None]] = {
         "env": lambda: bench_env(seconds),
         "learner": lambda: bench_learner(seconds),
@@ -138,32 +136,24 @@ def disc(n: int) -> Domain:
     return from_rings(circle(n), name=f"disc{n}")
 
 
-def bench_mesher(policy: Policy | None) -> None:
-    """Elements a second of the mesher, policy and geometry, against the size of the mesh; the fastest of three."""
-    if policy is None:
-        raise ValueError("the mesher's benchmark needs a policy")
+def bench_mesher(policy: Policy) -> None:
+    """Elements a second of the mesher against the size of the mesh, raw and finished; the fastest of three."""
     rows, sizes, times = [], [], []
     for domain in [*map(disc, DISCS), *map(cross, CROSSES)]:
-        took = np.inf
-        for _ in range(4):  # the first time compiles and touches the memory
-            began = time.perf_counter()
-            attempts = [grow(policy, domain, 0)]
-            while not attempts[-1].mesh.complete and len(attempts) < ATTEMPTS:
-                attempts.append(grow(policy, domain, (0, len(attempts)), exploration=EXPLORATION))
-            took = min(took, time.perf_counter() - began)
-        last = attempts[-1]
-        elements = len(last.mesh.quads)
-        sizes.append(elements)
-        times.append(took)
+        # The first time compiles and touches the memory.
+        made = min((make(policy, domain) for _ in range(4)), key=lambda one: one.seconds_finished)
+        raw, finished = len(made.raw.quads), len(made.finished.quads)
+        sizes.append(raw)
+        times.append(made.seconds_finished)
         rows.append(
             [
-                domain.name, f"{elements:,}", f"{elements / took:,.0f}", str(len(attempts)), f"{last.taken_back:,}",
-                "complete" if last.mesh.complete else f"a ring of {len(last.ring)} left",
+                domain.name, f"{finished:,}", f"{raw / made.seconds_raw:,.0f}",
+                f"{finished / made.seconds_finished:,.0f}", str(made.attempts), f"{made.detours:,}", f"{made.filled:,}",
             ]
         )  # fmt: skip
     growth = np.polyfit(np.log(sizes), np.log(times), 1)[0]
-    print(f"mesher, one core, elements a second with what attempts before failed (time grows as elements^{growth:.2f})")
-    print(table(["domain", "elements", "elements/s", "attempts", "taken back", ""], rows))
+    print(f"mesher, one core (time grows as elements^{growth:.2f})")
+    print(table(["domain", "elements", "raw, elements/s", "finished", "attempts", "detours", "filled"], rows))
 
 
 def algorithm(runners: int, *, seed: int = 0, warmup: int = 1000, **training: Any) -> Any:

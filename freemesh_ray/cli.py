@@ -26,7 +26,7 @@ Reinforcement learning that meshes: an agent cuts one quadrilateral after anothe
 until nothing is left. All quads, the boundary kept exactly.
 
   freemesh train --config train_default.yaml      train over the curriculum T1 -> T2 -> T3
-  freemesh mesh part.geojson -o part.inp          mesh a polygon with a trained policy
+  freemesh mesh part.geojson -o part.inp          mesh a polygon
   freemesh domains                                what is there to mesh
   freemesh compare D7 D8 D9                       our meshes beside those of other meshers
   freemesh paper quality                          the paper's tables, measured anew
@@ -51,6 +51,16 @@ def whole(low: int, high: int) -> Callable[[str], int]:
         raise argparse.ArgumentTypeError(f"{text!r}: give a whole number in [{low}, {high}]")
 
     return number
+
+
+def positive(text: str) -> float:
+    """A positive, finite number, for argparse."""
+    try:
+        if 0.0 < (value := float(text)) < float("inf"):
+            return value
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text!r}: give a number above 0")
 
 
 def seconds(text: str) -> float:
@@ -89,23 +99,39 @@ def parser() -> argparse.ArgumentParser:
 
     mesh = commands.add_parser(
         "mesh",
-        help="mesh a domain with a trained policy",
+        help="mesh a polygon",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Mesh a domain: a catalogue name, random:SEED, or a file (GeoJSON, WKT, JSON list of [x, y]).",
+        description="Mesh a polygon: a file (GeoJSON, WKT, DXF, CSV, Gmsh .geo or .msh, JSON list of [x, y]; see\n"
+        "docs/polygons.md), a name of the catalogue, random:SEED or part:SEED.",
         epilog="examples:\n"
-        "  freemesh mesh D4 -o d4.png\n"
-        "  freemesh mesh part.geojson -o part.inp --policy runs/default/policy.npz",
+        "  freemesh mesh part.geojson -o part.inp\n"
+        "  freemesh mesh part.dxf --edge-length 2.5 --grading 3 -o part.msh -o part.png\n"
+        "  freemesh mesh D4 -o d4.html                     a replay of the mesh growing\n"
+        "  freemesh mesh D4 --best-of 8 --quadratic -o d4.bdf\n\n"
+        "Of several polygons in a file, each gets a file of its own: part-0.inp, part-1.inp, ...",
     )
-    mesh.add_argument("domain", metavar="DOMAIN")
+    mesh.add_argument("domain", metavar="POLYGON")
     mesh.add_argument("-o", "--output", required=True, action="append", metavar="OUT",
-                      help="file to write: .vtu .msh .inp (mesh), .png .svg (picture); repeatable")  # fmt: skip
-    mesh.add_argument("--policy", metavar="FILE", help="policy.npz of a training (default: that of the newest run)")
-    mesh.add_argument("--runs", default="runs", metavar="FOLDER", help="where the newest run is looked for")
-    mesh.add_argument("--fix-parity", action="store_true", help="split the longest segment when the ring is odd")
-    mesh.add_argument(
-        "--attempts", type=whole(0, 1000), default=32, metavar="N", help="sampled if the first fails (32)"
-    )
-    mesh.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of the sampling (0)")
+                      help="file to write: .inp .msh .vtu .bdf .obj (mesh), .png .svg (picture), .html (replay); "
+                      "repeatable")  # fmt: skip
+    outline = mesh.add_argument_group("boundary")
+    outline.add_argument("--edge-length", type=positive, metavar="L",
+                         help="split the outline into pieces of about this length; corners stay "
+                         "(default: its vertices as they are)")  # fmt: skip
+    outline.add_argument("--grading", type=positive, default=1.0, metavar="RATIO",
+                         help="largest over smallest piece: finer at corners and small features (1)")  # fmt: skip
+    outline.add_argument("--fix-parity", action="store_true", help="split the longest segment when the ring is odd")
+    quality = mesh.add_argument_group("quality")
+    quality.add_argument("--best-of", type=whole(1, 1000), default=1, metavar="K", help="the best of K meshes (1)")
+    quality.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of all draws (0)")
+    quality.add_argument("--no-smooth", dest="smooth", action="store_false", help="leave vertices where they were put")
+    quality.add_argument("--no-clean", dest="clean", action="store_false", help="leave irregular vertices")
+    quality.add_argument("--no-search", dest="search", action="store_false",
+                         help="take the policy's mean action, do not compare draws")  # fmt: skip
+    quality.add_argument("--policy", metavar="FILE", help="policy.npz of a training (default: the shipped one)")
+    files = mesh.add_argument_group("files")
+    files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
+    files.add_argument("--msh-version", choices=["4.1", "2.2"], default="4.1", help="of .msh files (4.1)")
 
     commands.add_parser(
         "domains", help="list the catalogue", description="List the domains that ship with the package."
@@ -122,11 +148,10 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         choices=["env", "learner", "sampling", "mesher", "curves"],
         metavar="PART",
-        help="env, learner, sampling (default: these three), mesher (needs a policy) or curves (against "
+        help="env, learner, sampling (default: these three), mesher or curves (against "
         "Stable-Baselines3, long); repeatable",
     )
-    bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: that of the newest run)")
-    bench.add_argument("--runs", default="runs", metavar="FOLDER", help="where the newest run is looked for")
+    bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: the shipped one)")
     bench.add_argument("--seconds", type=seconds, default=5.0, help="of each measurement (5)")
     bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves are written")
     sync = commands.add_parser(
@@ -215,23 +240,24 @@ class StopSignal:
 
 def mesh(options: argparse.Namespace) -> int:
     """``freemesh mesh``."""
-    from envs.domain import load
-    from freemesh_ray import export, mesher, plots
+    from envs.domain import load_all
+    from freemesh_ray.api import SUFFIXES, mesh_domain
     from freemesh_ray.console import mesh_line
-    from freemesh_ray.policy import Policy
-    from freemesh_ray.runs import newest_policy
+    from freemesh_ray.policy import SHIPPED, Policy
 
     outputs = [Path(output) for output in options.output]
-    check_outputs(outputs, (*export.SUFFIXES, *plots.SUFFIXES))
-    domain = load(options.domain, fix_parity=options.fix_parity)
-    policy = Policy.load(options.policy or newest_policy(Path(options.runs)))
-    made = mesher.mesh(policy, domain, attempts=options.attempts, seed=options.seed)
-    for path in outputs:
-        if path.suffix.lower() in plots.SUFFIXES:
-            plots.draw_mesh(made, path)
-        else:
-            export.write(made, path)
-    print(mesh_line(made, outputs))
+    check_outputs(outputs, SUFFIXES)
+    domains = load_all(
+        options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading
+    )
+    policy = Policy.load(options.policy or SHIPPED)
+    wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
+    for i, domain in enumerate(domains):
+        made = mesh_domain(domain, policy, **wishes)
+        paths = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
+        for path in paths:
+            made.write(path, version=options.msh_version, quadratic=options.quadratic)
+        print(mesh_line(made, paths))
     return 0
 
 
@@ -261,11 +287,10 @@ def domains(options: argparse.Namespace) -> int:
 def bench(options: argparse.Namespace) -> int:
     """``freemesh bench``."""
     from freemesh_ray import bench as benches
-    from freemesh_ray.policy import Policy
-    from freemesh_ray.runs import newest_policy
+    from freemesh_ray.policy import SHIPPED, Policy
 
     parts = options.part or ["env", "learner", "sampling"]
-    policy = Policy.load(options.policy or newest_policy(Path(options.runs))) if "mesher" in parts else None
+    policy = Policy.load(options.policy or SHIPPED)
     benches.run(parts, seconds=options.seconds, folder=Path(options.out), policy=policy)
     return 0
 

@@ -7,16 +7,20 @@ import shutil
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from envs.mesh import Mesh
 from envs.types import Domain
-from freemesh_ray.metrics import measure
 from freemesh_ray.table import number, table
-from freemesh_ray.train import Trained
-from freemesh_ray.training import Status
+
+if TYPE_CHECKING:  # a mesh needs no training
+    from freemesh_ray.api import Mesh
+    from freemesh_ray.train import Trained
+    from freemesh_ray.training import Status
+
+#: Elements that it took more than the policy to find, by where they came from.
+REMEDIES = ("next vertex", "wide", "filled")
 
 #: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
 LOG_INTERVAL = 15.0
@@ -142,9 +146,14 @@ def sharpest_corner(domain: Domain) -> float:
 
 
 def mesh_line(mesh: Mesh, outputs: Sequence[Path]) -> str:
-    """One line on a mesh that was written."""
-    figures = measure(mesh)
-    return (
-        f"{mesh.name}: {len(mesh.quads)} quads, eta {figures['eta']:.3f} (min {figures['eta_min']:.3f}), "
+    """A line on a mesh that was written, and one on what recovery it needed, if any."""
+    figures, made = mesh.quality(), mesh.made
+    line = (
+        f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
+        f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "
         f"{figures['singularity']:.0f} irregular nodes -> {', '.join(map(str, outputs))}"
     )
+    helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
+    if made.detours:
+        helped.append(f"{made.detours} detours")
+    return f"{line}\n{' ' * len(mesh.name)}  recovery: {', '.join(helped)}" if helped else line

@@ -20,6 +20,9 @@ import numpy as np
 from envs.types import MeshingParameters
 from freemesh_ray.atomic import replacing
 
+#: The policy that ships with the package; its card lies beside it.
+SHIPPED = Path(__file__).parent / "policies" / "shipped.npz"
+
 Layer = tuple[np.ndarray, np.ndarray]
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
 

@@ -28,6 +28,10 @@ SHADES = 64
 PLACEHOLDER = "{{data}}"
 
 
+#: What a replay is written as.
+SUFFIX = ".html"
+
+
 def write(mesh: Mesh, path: str | Path, finished: Mesh | None = None) -> None:
     """Write the page; the file is there as a whole or not at all.
 

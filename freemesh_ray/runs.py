@@ -19,7 +19,6 @@ from pathlib import Path
 
 from freemesh_ray import checkpoint
 from freemesh_ray.atomic import replacing
-from freemesh_ray.policy import PolicyError
 
 
 class RunError(RuntimeError):
@@ -102,15 +101,3 @@ def evaluated_at(line: str) -> float:
         return float(json.loads(line)["env_steps"])
     except (ValueError, KeyError, TypeError):
         return math.inf
-
-
-def newest_policy(runs: Path) -> Path:
-    """The policy that was written last below ``runs``.
-
-    Raises:
-        PolicyError: there is none.
-    """
-    policies = sorted(runs.glob("*/policy.npz"), key=lambda path: path.stat().st_mtime)
-    if not policies:
-        raise PolicyError(f"{runs}: no trained policy below it; train one with `freemesh train`, or give --policy FILE")
-    return policies[-1]

@@ -20,7 +20,7 @@ from freemesh_ray import checkpoint, export, plots
 from freemesh_ray.atomic import replacing
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.config import load as load_config
-from freemesh_ray.mesher import MeshingError, mesh
+from freemesh_ray.mesher import MeshingError, make
 from freemesh_ray.metrics import measure
 from freemesh_ray.policy import Policy
 from freemesh_ray.runs import RunError, RunFolder
@@ -51,14 +51,16 @@ def produce(policy: Policy, domain: Domain, folder: Path) -> Produced:
     """Mesh a domain and write its picture and its .vtu, .msh and .inp into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        made = mesh(policy, domain)
+        made = make(policy, domain, search=False, smooth=False, clean=False)
     except MeshingError as error:
         return Produced(domain.name, None, {}, [], str(error))
+    if made.filled:
+        return Produced(domain.name, None, {}, [], f"the policy left a part that takes {made.filled} elements to fill")
     files = [folder / f"{domain.name}{suffix}" for suffix in (".png", ".vtu", ".msh", ".inp")]
-    plots.draw_mesh(made, files[0])
+    plots.draw_mesh(made.raw, files[0])
     for path in files[1:]:
-        export.write(made, path)
-    return Produced(domain.name, made, measure(made), files)
+        export.write(made.raw, path)
+    return Produced(domain.name, made.raw, measure(made.raw), files)
 
 
 @dataclass(frozen=True)

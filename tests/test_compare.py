@@ -20,9 +20,9 @@ from freemesh_ray.compare import report
 from freemesh_ray.compare.comparison import box_values, compare
 from freemesh_ray.compare.meshers import OURS, RAW, Mesher, ours
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
-from freemesh_ray.compare.our_mesher import Made
 from freemesh_ray.compare.pooled import pooled
 from freemesh_ray.compare.row import Row, figures
+from freemesh_ray.mesher import Made
 from freemesh_ray.metrics import by_element
 from freemesh_ray.policy import Policy
 from freemesh_ray.table import markdown

@@ -12,17 +12,19 @@ from hypothesis import strategies as st
 
 from envs import front as fr
 from envs.action import ACCEPTED, ONE, TWO, decode_kind
+from envs.convex_fill import FillError
 from envs.domain import from_rings, load
 from envs.front import ELEMENTS, RING, Front, reference_slot
 from envs.quality import element_quality
 from envs.random_domain import circle
 from envs.transition import numbers
 from envs.types import Domain, MeshingParameters
-from freemesh_ray.mesher import MeshingError, mesh
+from freemesh_ray.mesher import MeshingError, make, meshing
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.detour import elements_back, mark
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.lookahead import DEPTH, fill, tree
+from freemesh_ray.mesher.meshing import ATTEMPTS, mean_quality
 from freemesh_ray.mesher.shapes import SHAPES, shape
 from freemesh_ray.mesher.trail import SOURCES, element, trail
 from freemesh_ray.policy import Policy
@@ -135,19 +137,44 @@ def test_patience_bounds_the_detours() -> None:
     assert_valid(grow(STUCK, domain, 0, patience=0), domain)
 
 
-def test_the_mesher_hands_out_whole_meshes_only() -> None:
+def test_what_the_policy_leaves_is_filled() -> None:
     capped = constant((0.0, 0.0, 0.0), 0.0, max_elements=20)
-    with pytest.raises(MeshingError, match=r"T3: the policy did not complete it in 3 attempts \(at best "):
-        mesh(capped, load("T3"), attempts=2)
-    with pytest.raises(MeshingError, match="T1"):
-        mesh(capped, load("T1"), attempts=0)
+    for name in ("T1", "T3", "D9"):
+        domain = load(name)
+        made = make(capped, domain, search=False)
+        assert made.filled > 0
+        assert made.attempts == ATTEMPTS
+        assert sum(made.sources.values()) == len(made.raw.quads)
+        for mesh in (made.raw, made.finished):
+            assert mesh.defects(area=domain.area) == []
 
 
-def test_a_four_ring_is_its_own_mesh() -> None:
-    domain = from_rings([(0, 0), (2, 0), (2, 1), (0, 1)])
-    assert len(mesh(STUCK, domain).quads) == 1
-    with pytest.raises(MeshingError, match="not valid"):
-        mesh(STUCK, from_rings([(0, 0), (2, 0), (0.2, 0.2), (0, 2)]))
+def test_a_ring_without_room_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(points: object, ring: object) -> None:
+        raise FillError("too thin")
+
+    monkeypatch.setattr(meshing, "fill", refuse)
+    capped = constant((0.0, 0.0, 0.0), 0.0, max_elements=20)
+    with pytest.raises(MeshingError, match="T1: too thin"):
+        make(capped, load("T1"))
+
+
+def test_a_four_ring_is_its_own_mesh_or_filled() -> None:
+    assert len(make(STUCK, from_rings([(0, 0), (2, 0), (2, 1), (0, 1)])).raw.quads) == 1
+    dart = from_rings([(0, 0), (2, 0), (0.2, 0.2), (0, 2)])
+    assert make(STUCK, dart).finished.defects(area=dart.area) == []
+
+
+def test_the_best_of_several_is_no_poorer() -> None:
+    domain = load("T1")
+    one, best = (make(BISECTOR, domain, best_of=k) for k in (1, 4))
+    assert mean_quality(best.finished) >= mean_quality(one.finished)
+
+
+def test_finishing_can_be_left_out() -> None:
+    made = make(BISECTOR, load("T1"), smooth=False, clean=False)
+    assert made.finished is made.raw
+    assert made.sequences == 0
 
 
 # The remedies
@@ -202,7 +229,7 @@ def test_lookahead_finds_the_squares() -> None:
         ([(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)], 4),
         ([(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (4, 1), (3, 1), (2, 1), (1, 1), (0, 1)], 4),
     ):
-        made = mesh(STUCK, from_rings(outline))
+        made = make(STUCK, from_rings(outline), search=False).raw
         assert len(made.quads) == elements
         np.testing.assert_allclose(element_quality(made.vertices, made.quads), 1.0, atol=1e-9)
 

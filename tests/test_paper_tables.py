@@ -15,9 +15,8 @@ from freemesh_ray import cli, export
 from freemesh_ray.compare.comparison import compare
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import assembled
-from freemesh_ray.compare.our_mesher import Made
 from freemesh_ray.evaluate import run_episodes
-from freemesh_ray.mesher import MeshingError
+from freemesh_ray.mesher import Made, MeshingError
 from freemesh_ray.metrics import by_element
 from freemesh_ray.paper_tables.command import TABLES
 from freemesh_ray.paper_tables.density import density

@@ -16,7 +16,7 @@ from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.curriculum import Curriculum
 from freemesh_ray.evaluate import run_episodes, summary
 from freemesh_ray.policy import Policy
-from freemesh_ray.runs import RunError, RunFolder, newest_policy
+from freemesh_ray.runs import RunError, RunFolder
 from freemesh_ray.tracking import Run
 from freemesh_ray.train import train
 from freemesh_ray.training import Progress, Status, Training
@@ -223,11 +223,6 @@ def test_an_unreadable_checkpoint_is_named(tmp_path: Path) -> None:
     (path / "progress.json").write_text("{")
     with pytest.raises(checkpoint.CheckpointError, match="step_000000001"):
         checkpoint.restore(Fake(), path)
-
-
-def test_the_newest_policy_is_found(settings: dict[str, Any], tmp_path: Path) -> None:
-    trained = run(settings, Fake())
-    assert newest_policy(Path(settings["paths"]["runs"])) == trained.policy
 
 
 def _folder(tmp_path: Path) -> RunFolder:

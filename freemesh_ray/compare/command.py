@@ -57,8 +57,7 @@ def grammar(commands: Any) -> None:
     compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
                          help="a mesh that another program made, in any format of meshio; repeatable")  # fmt: skip
     compare.add_argument("--policy", metavar="FILE",
-                         help=f"policy.npz of a training (default: that of the newest run), or {NONE}")  # fmt: skip
-    compare.add_argument("--runs", default="runs", metavar="FOLDER", help="where the newest run is looked for")
+                         help=f"policy.npz of a training (default: the shipped one), or {NONE}")  # fmt: skip
     compare.add_argument("--fix-parity", action="store_true", help="split the longest segment where a ring is odd")
 
 
@@ -95,12 +94,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def our_mesher(options: argparse.Namespace) -> Any:
-    """The mesher of the policy that is asked for, or of the newest run."""
+    """The mesher of the policy that is asked for, or the shipped one."""
     from freemesh_ray.compare.meshers import ours
     from freemesh_ray.compare.our_mesher import maker
-    from freemesh_ray.runs import newest_policy
+    from freemesh_ray.policy import SHIPPED
 
-    return ours(maker(Path(options.policy or newest_policy(Path(options.runs)))))
+    return ours(maker(Path(options.policy or SHIPPED)))
 
 
 def note(line: str) -> None:

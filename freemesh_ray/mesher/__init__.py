@@ -1,5 +1,5 @@
 """Policy and domain in, mesh out."""
 
-from freemesh_ray.mesher.meshing import MeshingError, mesh
+from freemesh_ray.mesher.meshing import Made, MeshingError, make
 
-__all__ = ["MeshingError", "mesh"]
+__all__ = ["Made", "MeshingError", "make"]

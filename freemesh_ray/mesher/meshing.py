@@ -1,64 +1,145 @@
-"""One mesh for a domain: the deterministic attempt first, exploring ones while none is complete."""
+"""One mesh for a domain: grown by the policy, the rest filled if need be, validated, finished.
+
+    grow -> (another way, when it got stuck) -> fill the ring that is left -> validate -> finish -> validate
+
+Every domain is completed: what the policy cannot mesh in ``ATTEMPTS`` attempts, ``envs.convex_fill`` fills.
+"""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from envs.convex_fill import FillError, fill
 from envs.mesh import Mesh
+from envs.quality import element_quality
 from envs.types import Domain
+from freemesh_ray.finish import finish
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.policy import Policy
 
-#: Share of the elements that further attempts draw from the policy, so that they go other ways.
-EXPLORATION = 0.05
+#: Times that the policy begins a domain before what is left is filled.
+ATTEMPTS = 3
 
 
 class MeshingError(RuntimeError):
-    """The policy did not complete the domain."""
+    """A domain that has no valid mesh in floating point."""
 
 
-def mesh(policy: Policy, domain: Domain, *, attempts: int = 32, seed: int = 0) -> Mesh:
+@dataclass(frozen=True)
+class Made:
+    """A mesh, as the policy left it and as it is handed out; both without defects.
+
+    Attributes:
+        raw: elements in the order they were cut, those that filled the last ring at the end.
+        finished: smoothed and cleaned up; ``raw`` itself when neither was wanted.
+        seconds_raw: wall time up to ``raw``.
+        seconds_finished: wall time up to ``finished``, that of ``raw`` included.
+        attempts: times that the policy began.
+        sources: elements by where they came from (see engine.Grown), of the attempt that is handed out; those that
+            filled the ring that was left count as ``filled``.
+        detours: times that elements were taken back.
+        sequences: topological changes of the clean-up.
+    """
+
+    raw: Mesh
+    finished: Mesh
+    seconds_raw: float
+    seconds_finished: float
+    attempts: int = 1
+    sources: Mapping[str, int] = field(default_factory=dict)
+    detours: int = 0
+    sequences: int = 0
+
+    @property
+    def filled(self) -> int:
+        """Elements that the policy did not find."""
+        return self.sources.get("filled", 0)
+
+
+def make(
+    policy: Policy,
+    domain: Domain,
+    *,
+    seed: int = 0,
+    best_of: int = 1,
+    search: bool = True,
+    smooth: bool = True,
+    clean: bool = True,
+) -> Made:
     """Mesh a domain.
 
     Args:
         policy: a trained policy.
         domain: what to mesh.
-        attempts: further ones, each another way, if the deterministic one fails; the first that completes counts.
         seed: of all draws; the same arguments give the same mesh.
-
-    Returns:
-        A complete mesh without defects (see Mesh.defects).
+        best_of: meshes to make, each another way; the one whose elements are best in the mean is handed out.
+        search: compare several of the policy's draws for each element; otherwise take its mean action.
+        smooth, clean: see finish.
 
     Raises:
-        MeshingError: no attempt completed the domain.
+        MeshingError: no valid mesh was found: a domain thinner than its coordinates are precise.
     """
-    if len(domain.ring) == 4:
-        whole = Mesh(domain.name, domain.points, domain.ring[None], domain.segments, complete=True)
-        return validated(whole, domain)
-    best = grow(policy, domain, seed)
-    for attempt in range(1, 1 + attempts):
-        if best.mesh.complete:
-            break
-        best = max(best, grow(policy, domain, (seed, attempt), exploration=EXPLORATION), key=progress)
-    return validated(completed(best, domain, attempts), domain)
+    began = time.perf_counter()
+    candidates = [made(policy, domain, (seed, k), search, smooth, clean) for k in range(best_of)]
+    best = max(candidates, key=lambda one: mean_quality(one.finished))
+    return replace(best, seconds_finished=time.perf_counter() - began) if best_of > 1 else best
 
 
-def progress(grown: Grown) -> tuple[bool, float]:
+def mean_quality(mesh: Mesh) -> float:
+    """Mean eta_e."""
+    return float(element_quality(mesh.vertices, mesh.quads).mean())
+
+
+def made(policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, smooth: bool, clean: bool) -> Made:
+    """One mesh for `make`."""
+    began = time.perf_counter()
+    grown, attempts = nothing(domain), 0
+    while len(domain.ring) > 4 and attempts < ATTEMPTS and not grown.mesh.complete:
+        another = grow(policy, domain, (*seed, attempts), exploration=float(search or attempts > 0))
+        grown, attempts = max(grown, another, key=covered), attempts + 1
+    raw = validated(completed(grown, domain), domain)
+    seconds_raw = time.perf_counter() - began
+    sources = dict(grown.sources) | {"filled": len(raw.quads) - len(grown.mesh.quads)}
+    finished, sequences = raw, 0
+    if smooth or clean:
+        result = finish(raw, smooth=smooth, clean=clean)
+        finished, sequences = validated(result.mesh, domain), result.sequences
+    seconds = time.perf_counter() - began
+    return Made(raw, finished, seconds_raw, seconds, attempts, sources, grown.detours, sequences)
+
+
+def nothing(domain: Domain) -> Grown:
+    """The domain before anything was cut."""
+    empty = Mesh(domain.name, domain.points, np.zeros((0, 4), dtype=np.int64), domain.segments, complete=False)
+    return Grown(mesh=empty, ring=domain.ring, kinds={}, sources={}, detours=0, taken_back=0)
+
+
+def covered(grown: Grown) -> tuple[bool, float]:
     """What attempts are ranked by: whether complete, then the area covered."""
     return grown.mesh.complete, float(grown.mesh.areas.sum())
 
 
-def completed(grown: Grown, domain: Domain, attempts: int) -> Mesh:
-    """The mesh, if it is complete; the one place that decides what becomes of a ring that is left (``grown.ring``).
+def completed(grown: Grown, domain: Domain) -> Mesh:
+    """The mesh with the ring that is left filled; the whole domain, if that ring is too thin.
 
     Raises:
-        MeshingError: a ring is left.
+        MeshingError: the domain is too thin, too.
     """
     if grown.mesh.complete:
         return grown.mesh
-    raise MeshingError(
-        f"{domain.name}: the policy did not complete it in {1 + attempts} attempts "
-        f"(at best {progress(grown)[1] / domain.area:.1%} of the area); "
-        "raise --attempts, or train longer or on domains more like it"
-    )
+    mesh = grown.mesh
+    try:
+        filling = fill(mesh.vertices, grown.ring)
+    except FillError:
+        try:
+            mesh, filling = nothing(domain).mesh, fill(domain.points, domain.ring)
+        except FillError as error:
+            raise MeshingError(f"{domain.name}: {error}") from error
+    return replace(mesh, vertices=filling.points, quads=np.concatenate([mesh.quads, filling.quads]), complete=True)
 
 
 def validated(mesh: Mesh, domain: Domain) -> Mesh:

@@ -41,7 +41,6 @@ def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) ->
     paper.add_argument("--policy", action="append", default=[], metavar="[LABEL=]FILE",
                        help="policy.npz of a training (default: that of the newest run); repeatable, with labels, for "
                        "observation and density")  # fmt: skip
-    paper.add_argument("--runs", default="runs", metavar="FOLDER", help="where the newest run is looked for")
     paper.add_argument("--peers", type=peer_names, default=["gmsh-default"], metavar="NAMES",
                        help="quality: separated by commas, or none (gmsh-default, which is Blossom-Quad)")  # fmt: skip
     paper.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
@@ -132,12 +131,11 @@ def domains(options: argparse.Namespace, names: Sequence[str]) -> list[Any]:
 
 
 def labelled(options: argparse.Namespace) -> dict[str, Path]:
-    """Label -> policy file; without a label the folder's name, without any policy the newest run's."""
-    from freemesh_ray.policy import PolicyError
-    from freemesh_ray.runs import newest_policy
+    """Label -> policy file; without a label the folder's name, without any policy the shipped one."""
+    from freemesh_ray.policy import SHIPPED, PolicyError
 
     found: dict[str, Path] = {}
-    for text in options.policy or [str(newest_policy(Path(options.runs)))]:
+    for text in options.policy or [f"shipped={SHIPPED}"]:
         label, equals, file = text.rpartition("=")
         path = Path(file)
         label = label if equals else path.resolve().parent.name
