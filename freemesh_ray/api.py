@@ -13,7 +13,7 @@ from envs.types import Domain, DomainError
 from freemesh_ray import export, plots, replay
 from freemesh_ray.mesher import Made, make
 from freemesh_ray.metrics import measure
-from freemesh_ray.policy import SHIPPED, Policy
+from freemesh_ray.policy import DEFAULT, SHIPPED, Policy
 
 #: What a mesh can be written as.
 SUFFIXES = (*export.SUFFIXES, *plots.SUFFIXES, replay.SUFFIX)
@@ -71,7 +71,7 @@ def mesh_domain(domain: Domain, policy: Policy | None = None, **options: Any) ->
     Raises:
         MeshingError: a domain thinner than its coordinates are precise.
     """
-    made = make(Policy.load(SHIPPED) if policy is None else policy, domain, **options)
+    made = make(Policy.load(DEFAULT) if policy is None else policy, domain, **options)
     best = made.finished
     return Mesh(best.name, best.vertices, best.quads, best.segments, best.complete, made)
 
@@ -83,6 +83,7 @@ def mesh(
     grading: float = 1.0,
     fix_parity: bool = False,
     name: str = "polygon",
+    density: str = "medium",
     policy: Policy | None = None,
     **options: Any,
 ) -> Mesh:
@@ -96,7 +97,8 @@ def mesh(
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
             never is).
         name: what messages and files call it.
-        policy: the shipped one by default.
+        density: ``sparse``, ``medium`` or ``dense``: how large elements grow inside.
+        policy: the shipped one of that density by default.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.make.
 
     Raises:
@@ -105,4 +107,8 @@ def mesh(
     domains = from_shape(polygon, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
     if len(domains) != 1:
         raise DomainError(f"{name}: {len(domains)} polygons where one is needed; mesh them one by one")
+    if policy is None:
+        if density not in SHIPPED:
+            raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
+        policy = Policy.load(SHIPPED[density])
     return mesh_domain(domains[0], policy, **options)

@@ -126,9 +126,12 @@ def parser() -> argparse.ArgumentParser:
     quality.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of all draws (0)")
     quality.add_argument("--no-smooth", dest="smooth", action="store_false", help="leave vertices where they were put")
     quality.add_argument("--no-clean", dest="clean", action="store_false", help="leave irregular vertices")
-    quality.add_argument("--no-search", dest="search", action="store_false",
-                         help="take the policy's mean action, do not compare draws")  # fmt: skip
-    quality.add_argument("--policy", metavar="FILE", help="policy.npz of a training (default: the shipped one)")
+    quality.add_argument("--search", action="store_true",
+                         help="for each element the best of several of the policy's draws, not its mean")  # fmt: skip
+    quality.add_argument("--density", choices=["sparse", "medium", "dense"], default="medium",
+                         help="how large elements grow inside (medium)")  # fmt: skip
+    quality.add_argument("--policy", metavar="FILE",
+                         help="policy.npz of a training (default: the shipped one of that density)")  # fmt: skip
     files = mesh.add_argument_group("files")
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
     files.add_argument("--msh-version", choices=["4.1", "2.2"], default="4.1", help="of .msh files (4.1)")
@@ -250,7 +253,7 @@ def mesh(options: argparse.Namespace) -> int:
     domains = load_all(
         options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading
     )
-    policy = Policy.load(options.policy or SHIPPED)
+    policy = Policy.load(options.policy or SHIPPED[options.density])
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
     for i, domain in enumerate(domains):
         made = mesh_domain(domain, policy, **wishes)
@@ -287,10 +290,10 @@ def domains(options: argparse.Namespace) -> int:
 def bench(options: argparse.Namespace) -> int:
     """``freemesh bench``."""
     from freemesh_ray import bench as benches
-    from freemesh_ray.policy import SHIPPED, Policy
+    from freemesh_ray.policy import DEFAULT, Policy
 
     parts = options.part or ["env", "learner", "sampling"]
-    policy = Policy.load(options.policy or SHIPPED)
+    policy = Policy.load(options.policy or DEFAULT)
     benches.run(parts, seconds=options.seconds, folder=Path(options.out), policy=policy)
     return 0
 

@@ -20,8 +20,9 @@ import numpy as np
 from envs.types import MeshingParameters
 from freemesh_ray.atomic import replacing
 
-#: The policy that ships with the package; its card lies beside it.
-SHIPPED = Path(__file__).parent / "policies" / "shipped.npz"
+#: The policies that ship with the package, by how large they cut the elements; their card lies beside them.
+SHIPPED = {name: Path(__file__).parent / "policies" / f"{name}.npz" for name in ("sparse", "medium", "dense")}
+DEFAULT = SHIPPED["medium"]
 
 Layer = tuple[np.ndarray, np.ndarray]
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0

@@ -51,7 +51,7 @@ def produce(policy: Policy, domain: Domain, folder: Path) -> Produced:
     """Mesh a domain and write its picture and its .vtu, .msh and .inp into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        made = make(policy, domain, search=False, smooth=False, clean=False)
+        made = make(policy, domain, smooth=False, clean=False)
     except MeshingError as error:
         return Produced(domain.name, None, {}, [], str(error))
     if made.filled:

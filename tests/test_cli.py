@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from envs.types import MeshingParameters
-from freemesh_ray import cli
+from freemesh_ray import api, cli
+from freemesh_ray.mesher import MeshingError
 from freemesh_ray.policy import Policy
 
 SQUARE = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
@@ -91,7 +92,6 @@ def test_an_odd_ring_is_mended_on_request(policy: str) -> None:
         (["mesh", "T11", "-o", "o.vtu", "--policy", "policy.npz"], "T1"),
         (["mesh", "T1", "-o", "o.stl", "--policy", "policy.npz"], ".inp"),
         (["mesh", "T1", "-o", "o.vtu", "--policy", "none.npz"], "none.npz"),
-        (["mesh", "T1", "-o", "o.vtu"], "freemesh train"),
         (["mesh", "T1"], "-o"),
         (["train", "--config", "missing.yaml"], "missing.yaml"),
         (["train", "--set", "sac.gama=0.9"], "sac.gamma"),
@@ -102,7 +102,9 @@ def test_an_odd_ring_is_mended_on_request(policy: str) -> None:
         (["train", "--set", "tracking.uri=nonsense"], "sqlite:///"),
         (["mesh", "T1", "-o", "/proc/none/x.png", "--policy", "policy.npz"], "/proc"),
         (["mesh", "T1", "-o", "good.vtu", "-o", "/proc/none/x.vtu", "--policy", "policy.npz"], "/proc"),
-        (["mesh", "T1", "-o", "o.vtu", "--attempts", "-1"], "[0, 1000]"),
+        (["mesh", "T1", "-o", "o.vtu", "--best-of", "0"], "[1, 1000]"),
+        (["mesh", "T1", "-o", "o.vtu", "--edge-length", "-1"], "above 0"),
+        (["mesh", "T1", "-o", "o.msh", "--msh-version", "3"], "2.2"),
         (["mesh", "T1", "-o", "o.vtu", "--seed", "x"], "whole number"),
         (["mesh", "a" * 300, "-o", "o.vtu", "--policy", "policy.npz"], "catalogue"),
         (["mesh", "T1", "-o", "o.vtu", "--policy", "a" * 300], "policy"),
@@ -123,10 +125,33 @@ def test_empty_and_wrong_files(content: str, policy: str, folder: Path, capsys: 
     assert "part.json" in refused(capsys, folder, "mesh", "part.json", "-o", "o.vtu", "--policy", policy)
 
 
-def test_a_policy_that_gives_up_is_no_bad_input(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["mesh", "T3", "-o", "o.vtu", "--policy", policy, "--attempts", "0"]) == 1
-    assert "did not complete" in capsys.readouterr().err
+def test_a_mesh_that_cannot_be_is_no_bad_input(
+    policy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object, **options: object) -> None:
+        raise MeshingError("T3: too thin")
+
+    monkeypatch.setattr(api, "make", refuse)
+    assert cli.main(["mesh", "T3", "-o", "o.vtu", "--policy", policy]) == 1
+    assert capsys.readouterr().err == "freemesh: T3: too thin\n"
     assert not Path("o.vtu").exists()
+
+
+def test_the_shipped_policy_meshes_a_bare_outline(capsys: pytest.CaptureFixture[str]) -> None:
+    path = polygon([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]])
+    outputs = ["a.inp", "a.html", "a.png"]
+    arguments = [part for output in outputs for part in ("-o", output)]
+    assert cli.main(["mesh", path, "--edge-length", "0.21", "--grading", "1.5", *arguments]) == 0
+    assert all(Path(output).stat().st_size > 0 for output in outputs)
+    assert "irregular nodes -> a.inp, a.html, a.png" in capsys.readouterr().out
+
+
+def test_every_polygon_of_a_file_gets_its_own_mesh(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
+    rings = [[[x + dx, y] for x, y in [*SQUARE, SQUARE[0]]] for dx in (0, 5)]
+    Path("two.geojson").write_text(json.dumps({"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}))
+    assert cli.main(["mesh", "two.geojson", "-o", "out.msh", "--policy", policy]) == 0
+    assert sorted(path.name for path in Path().glob("*.msh")) == ["out-0.msh", "out-1.msh"]
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["two[0]", "two[1]"]
 
 
 def test_domains_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

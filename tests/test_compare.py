@@ -232,9 +232,9 @@ def test_ours_and_a_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> No
     arguments = ["compare", "square.json", "--policy", "policy.npz", "--peers", "none", "--mesh", "pave=pave.inp"]
     assert cli.main([*arguments, "--out", "found"]) == 0
     out, err = capsys.readouterr()
-    assert [line.split()[0] for line in out.splitlines()[3:5]] == ["freemesh", "pave"]
+    assert [line.split("  ")[0].strip() for line in out.splitlines()[3:6]] == ["freemesh raw", "freemesh", "pave"]
     assert [line.split(":")[0] for line in err.splitlines() if line] == [
-        "square  freemesh", "square  pave", "written to found",
+        "square  freemesh raw", "square  freemesh", "square  pave", "written to found",
     ]  # fmt: skip
     assert {path.name for path in Path("found").iterdir()} == {
         "comparison.md", "comparison.csv", "square.png", "boxes.png",

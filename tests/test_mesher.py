@@ -141,7 +141,7 @@ def test_what_the_policy_leaves_is_filled() -> None:
     capped = constant((0.0, 0.0, 0.0), 0.0, max_elements=20)
     for name in ("T1", "T3", "D9"):
         domain = load(name)
-        made = make(capped, domain, search=False)
+        made = make(capped, domain)
         assert made.filled > 0
         assert made.attempts == ATTEMPTS
         assert sum(made.sources.values()) == len(made.raw.quads)
@@ -229,7 +229,7 @@ def test_lookahead_finds_the_squares() -> None:
         ([(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)], 4),
         ([(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (4, 1), (3, 1), (2, 1), (1, 1), (0, 1)], 4),
     ):
-        made = make(STUCK, from_rings(outline), search=False).raw
+        made = make(STUCK, from_rings(outline)).raw
         assert len(made.quads) == elements
         np.testing.assert_allclose(element_quality(made.vertices, made.quads), 1.0, atol=1e-9)
 

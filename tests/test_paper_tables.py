@@ -225,7 +225,7 @@ def test_every_table_is_printed_and_written(name: str, folder: Path, capsys: pyt
     (["scalability", "--policy", "a=policy.npz", "--policy", "b=policy.npz"], "give --policy once"),
     (["observation", "--policy", "policy.npz", "--policy", "policy.npz"], "is given twice"),
     (["observation", "--episodes", "0", "--policy", "policy.npz"], "[1, 1000]"),
-    (["density"], "freemesh train"),
+    (["density", "--policy", "none.npz"], "freemesh train"),
     (["scalability", "D1", "--policy", "policy.npz", "--out", "/proc/none"], "/proc"),
 ])  # fmt: skip
 def test_bad_input_is_one_line(

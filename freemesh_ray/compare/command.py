@@ -97,9 +97,9 @@ def our_mesher(options: argparse.Namespace) -> Any:
     """The mesher of the policy that is asked for, or the shipped one."""
     from freemesh_ray.compare.meshers import ours
     from freemesh_ray.compare.our_mesher import maker
-    from freemesh_ray.policy import SHIPPED
+    from freemesh_ray.policy import DEFAULT
 
-    return ours(maker(Path(options.policy or SHIPPED)))
+    return ours(maker(Path(options.policy or DEFAULT)))
 
 
 def note(line: str) -> None:

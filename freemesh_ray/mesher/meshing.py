@@ -24,6 +24,9 @@ from freemesh_ray.policy import Policy
 #: Times that the policy begins a domain before what is left is filled.
 ATTEMPTS = 3
 
+#: Share of the elements that further attempts draw from the policy, so that they go other ways.
+EXPLORATION = 0.05
+
 
 class MeshingError(RuntimeError):
     """A domain that has no valid mesh in floating point."""
@@ -66,7 +69,7 @@ def make(
     *,
     seed: int = 0,
     best_of: int = 1,
-    search: bool = True,
+    search: bool = False,
     smooth: bool = True,
     clean: bool = True,
 ) -> Made:
@@ -77,7 +80,8 @@ def make(
         domain: what to mesh.
         seed: of all draws; the same arguments give the same mesh.
         best_of: meshes to make, each another way; the one whose elements are best in the mean is handed out.
-        search: compare several of the policy's draws for each element; otherwise take its mean action.
+        search: for each element take the best of several of the policy's draws, by its critics or by the reward;
+            otherwise its mean action.
         smooth, clean: see finish.
 
     Raises:
@@ -99,7 +103,7 @@ def made(policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, sm
     began = time.perf_counter()
     grown, attempts = nothing(domain), 0
     while len(domain.ring) > 4 and attempts < ATTEMPTS and not grown.mesh.complete:
-        another = grow(policy, domain, (*seed, attempts), exploration=float(search or attempts > 0))
+        another = grow(policy, domain, (*seed, attempts), exploration=exploration(search, seed[1] + attempts))
         grown, attempts = max(grown, another, key=covered), attempts + 1
     raw = validated(completed(grown, domain), domain)
     seconds_raw = time.perf_counter() - began
@@ -110,6 +114,11 @@ def made(policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, sm
         finished, sequences = validated(result.mesh, domain), result.sequences
     seconds = time.perf_counter() - began
     return Made(raw, finished, seconds_raw, seconds, attempts, sources, grown.detours, sequences)
+
+
+def exploration(search: bool, number: int) -> float:
+    """Share of the elements that are drawn: all in a search, none in the first attempt, some in the others."""
+    return 1.0 if search else EXPLORATION * (number > 0)
 
 
 def nothing(domain: Domain) -> Grown:

@@ -132,10 +132,10 @@ def domains(options: argparse.Namespace, names: Sequence[str]) -> list[Any]:
 
 def labelled(options: argparse.Namespace) -> dict[str, Path]:
     """Label -> policy file; without a label the folder's name, without any policy the shipped one."""
-    from freemesh_ray.policy import SHIPPED, PolicyError
+    from freemesh_ray.policy import DEFAULT, PolicyError
 
     found: dict[str, Path] = {}
-    for text in options.policy or [f"shipped={SHIPPED}"]:
+    for text in options.policy or [f"shipped={DEFAULT}"]:
         label, equals, file = text.rpartition("=")
         path = Path(file)
         label = label if equals else path.resolve().parent.name
