@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from envs import curves
 from envs.curves import Flattening
@@ -311,6 +310,8 @@ def b_spline(given: Floats, fineness: Flattening) -> Floats:
 
     A closed one does not go through its points, not even through the first; of few points the degree is lower.
     """
+    from scipy.interpolate import BSpline  # half a second that other files need not wait
+
     if (given[0] == given[-1]).all() and len(given) > 3:
         around = np.concatenate([given[-2:-1], given, given[1:2]])
         return curves.cubics(quadruples(around), curves.B_SPLINE, fineness)
