@@ -1,9 +1,6 @@
 """The finish of a mesh: topological clean-up and smoothing, each of which only ever improves it.
 
-    smooth a little -> clean up -> move all vertices at once -> smooth
-
-The boundary is never touched. Both steps can be left out, and neither lets the poorest element become poorer than it
-was, or than ``smoother.FLOOR`` when it was better.
+    move all vertices at once -> clean up -> move all vertices at once -> smooth
 """
 
 from __future__ import annotations
@@ -17,10 +14,9 @@ from envs.quality import element_quality
 from envs.types import Floats, Ints
 from freemesh_ray.finish import cleanup, smoother
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
-from freemesh_ray.finish.optimiser import descend
+from freemesh_ray.finish.optimiser import descend, descent
 
-#: Rounds of smoothing before the clean-up and at the end, passes of the clean-up, steps of all vertices at once.
-FIRST_SWEEPS, LAST_SWEEPS, PASSES, STEPS = 6, 30, 4, 80
+FIRST_STEPS, LAST_STEPS, LAST_SWEEPS, PASSES = 30, 80, 8, 4
 #: How often vertices near elements that became too poor are held, before nothing is moved at all.
 HOLDS = 4
 
@@ -39,23 +35,21 @@ class Finished:
 
 
 def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
-    """Improve a complete mesh.
-
-    Args:
-        mesh: without defects.
-        smooth: move interior vertices.
-        clean: change the connectivity where that makes vertices regular; interior vertices nearby move with it.
-    """
     given = np.zeros(len(mesh.vertices), dtype=np.bool_)
     given[mesh.segments.ravel()] = True
     work = build(mesh.vertices, mesh.quads, given)
-    step, star = smoother.workspace(work)
     if smooth:
-        inner = movable(work)
-        smoother.smooth(work, inner, len(inner), FIRST_SWEEPS, False, step, star)
-    sequences = cleanup.clean(work, cleanup.workspace(work, step, star), PASSES, 0.0) if clean else 0
+        relax(work, FIRST_STEPS)
+    sequences = 0
+    if clean:
+        e = qualities(work.xy, mesh.quads); gap = np.maximum(0, .72 - e)
+        level = float((1 - e + 8 * gap**2).mean())
+        search = cleanup.workspace(work)
+        sequences = cleanup.clean(work, search, PASSES, 0.0, level)
+        global last; last = search
     if smooth:
-        relax(work)
+        relax(work, LAST_STEPS)
+        step, star = smoother.workspace(work)
         inner = movable(work)
         smoother.smooth(work, inner, len(inner), LAST_SWEEPS, False, step, star)
     vertices, quads = compact(work, int(mesh.segments.max()) + 1)
@@ -68,20 +62,24 @@ def movable(work: Halfedges) -> Ints:
     return np.flatnonzero(~work.fixed[:count] & (work.degree[:count] > 0))
 
 
-def relax(work: Halfedges) -> None:
+def relax(work: Halfedges, steps: int) -> None:
     """Move all interior vertices at once, but for those around elements that would become too poor."""
     count, quads = work.counts[VERTICES], work.quads[: work.counts[QUADS]]
-    quads = np.ascontiguousarray(quads[quads[:, 0] != NONE])
+    quads = quads[quads[:, 0] != NONE]
     start = work.xy[:count].copy()
-    limit = min(float(element_quality(start, quads).min()), smoother.FLOOR)
+    limit = min(float(element_quality(start, quads).min()), cleanup.FLOOR)
     free = np.zeros(count, dtype=np.bool_)
     free[movable(work)] = True
+    memory = descent(count)
     for _ in range(HOLDS):
-        moved = start.copy()
-        descend(moved, quads, free, STEPS)
-        poor = ~(qualities(moved, quads) >= limit)
+        order = np.argsort(~free, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(count)
+        moved = start[order]
+        descend(moved, place[quads], int(free.sum()), steps, 2e-5, memory)
+        poor = ~(qualities(moved, place[quads]) >= limit)
         if not poor.any():
-            work.xy[:count] = moved
+            work.xy[order] = moved
             return
         held = np.zeros(count, dtype=np.bool_)
         held[quads[poor]] = True

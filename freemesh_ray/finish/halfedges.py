@@ -31,7 +31,7 @@ NONE = -1
 #: Elements around a vertex, at most.
 MOST = 8
 # Entries of Halfedges.counts.
-QUADS, VERTICES, LOGGED, MOVED = range(4)
+QUADS, VERTICES, LOGGED, SIGNATURE = range(4)
 # What a log entry restores.
 _QUAD, _OPP, _OUT, _DEGREE, _COUNT = range(5)
 
@@ -48,8 +48,8 @@ class Halfedges(NamedTuple):
         ideal: (V,) float64, elements that would make right angles: 4 inside, the angle over pi/2 on the boundary.
         fixed: (V,) bool, on the boundary.
         log: (L, 3) int64, [array, index, former value] of every change since the last ``commit``.
-        moved: (L, 3) float64, [vertex, former x, former y] of every move since then.
-        counts: (4,) int64, [elements and vertices in use, dead ones included; entries of log and moved].
+        counts: (4,) int64, [elements and vertices in use, dead ones included; entries of the log; signature: a number
+            that is the same after the same changes in another order].
     """
 
     xy: Floats
@@ -60,7 +60,6 @@ class Halfedges(NamedTuple):
     ideal: Floats
     fixed: np.ndarray
     log: Ints
-    moved: Floats
     counts: Ints
 
 
@@ -114,9 +113,18 @@ def _set_out(mesh: Halfedges, vertex: int, h: int) -> None:
 
 
 @inlined
+def _set_degree(mesh: Halfedges, vertex: int, degree: int) -> None:
+    """Set a degree, and keep the sum of degree times a scrambled vertex number up to date."""
+    scrambled = (vertex * 0x9E3779B1) & 0x7FFFFFFF
+    scrambled = ((scrambled ^ (scrambled >> 15)) * 0x45D9F3B) & 0x7FFFFFFF
+    mesh.counts[SIGNATURE] += (degree - mesh.degree[vertex]) * (scrambled ^ (scrambled >> 16))
+    mesh.degree[vertex] = degree
+
+
+@inlined
 def _add_degree(mesh: Halfedges, vertex: int, change: int) -> None:
     _note(mesh, _DEGREE, vertex, mesh.degree[vertex])
-    mesh.degree[vertex] += change
+    _set_degree(mesh, vertex, mesh.degree[vertex] + change)
 
 
 @inlined
@@ -128,24 +136,15 @@ def _join(mesh: Halfedges, h: int, other: int) -> None:
         _set_opp(mesh, other, h)
 
 
-@inlined
-def move(mesh: Halfedges, vertex: int, x: float, y: float) -> None:
-    """Move a vertex."""
-    at = mesh.counts[MOVED]
-    mesh.moved[at, 0], mesh.moved[at, 1], mesh.moved[at, 2] = vertex, mesh.xy[vertex, 0], mesh.xy[vertex, 1]
-    mesh.counts[MOVED] = at + 1
-    mesh.xy[vertex, 0], mesh.xy[vertex, 1] = x, y
-
-
 @compiled
 def commit(mesh: Halfedges) -> None:
     """Keep all changes."""
-    mesh.counts[LOGGED] = mesh.counts[MOVED] = 0
+    mesh.counts[LOGGED] = 0
 
 
 @compiled
-def undo(mesh: Halfedges, logged: int, moved: int) -> None:
-    """Take back all changes after these entries of the logs."""
+def undo(mesh: Halfedges, logged: int) -> None:
+    """Take back all changes after so many entries of the log."""
     for at in range(mesh.counts[LOGGED] - 1, logged - 1, -1):
         array, index, value = mesh.log[at, 0], mesh.log[at, 1], mesh.log[at, 2]
         if array == _QUAD:
@@ -155,14 +154,10 @@ def undo(mesh: Halfedges, logged: int, moved: int) -> None:
         elif array == _OUT:
             mesh.out[index] = value
         elif array == _DEGREE:
-            mesh.degree[index] = value
+            _set_degree(mesh, index, value)
         else:
             mesh.counts[index] = value
     mesh.counts[LOGGED] = logged
-    for at in range(mesh.counts[MOVED] - 1, moved - 1, -1):
-        vertex = int(mesh.moved[at, 0])
-        mesh.xy[vertex, 0], mesh.xy[vertex, 1] = mesh.moved[at, 1], mesh.moved[at, 2]
-    mesh.counts[MOVED] = moved
 
 
 @inlined
@@ -214,23 +209,24 @@ def swap(mesh: Halfedges, h: int, side: int) -> None:
     _add_degree(mesh, corner[(begin + 3) % 6], 1)
 
 
+@inlined
+def merging(mesh: Halfedges, a: int, c: int) -> tuple[int, int]:
+    """Which of two merging vertices stays, and which goes: never the one on the boundary."""
+    return (c, a) if mesh.fixed[c] or (c < a and not mesh.fixed[a]) else (a, c)
+
+
 @compiled
 def collapse(mesh: Halfedges, h: int) -> int:
-    """Merge the origin of h with the opposite corner of its element, which vanishes; the vertex that stays.
-
-    The one on the boundary stays where it is; two inner ones meet halfway.
-    """
+    """Merge the origin of h with the opposite corner of its element, which vanishes; the vertex that stays."""
     ab, bc, cd, da = h, after(h), after(after(h)), before(h)
     a, b, c, d = origin(mesh, ab), origin(mesh, bc), origin(mesh, cd), origin(mesh, da)
     ba, cb, dc, ad = mesh.opp[ab], mesh.opp[bc], mesh.opp[cd], mesh.opp[da]
-    stays, goes = (c, a) if mesh.fixed[c] else (a, c)
+    stays, goes = merging(mesh, a, c)
     spoke = mesh.out[goes]
     for _ in range(mesh.degree[goes]):
         following = around(mesh, spoke)
         _set_corner(mesh, spoke, stays)
         spoke = following
-    if not mesh.fixed[stays]:
-        move(mesh, stays, 0.5 * (mesh.xy[a, 0] + mesh.xy[c, 0]), 0.5 * (mesh.xy[a, 1] + mesh.xy[c, 1]))
     _set_corner(mesh, h & ~3, NONE)
     _join(mesh, ba, cb)
     _join(mesh, dc, ad)
@@ -290,8 +286,6 @@ def split(mesh: Halfedges, h: int, k: int) -> int:
     _add_degree(mesh, r, 1)
     x, y = x - mesh.xy[v, 0], y - mesh.xy[v, 1]
     mesh.xy[new, 0], mesh.xy[new, 1] = mesh.xy[v, 0] + 0.3 * x, mesh.xy[v, 1] + 0.3 * y
-    if not mesh.fixed[v]:
-        move(mesh, v, mesh.xy[v, 0] - 0.15 * x, mesh.xy[v, 1] - 0.15 * y)
     return new
 
 
@@ -340,7 +334,6 @@ def build(vertices: Floats, quads: Ints, fixed: np.ndarray, room: float = 0.5) -
         ideal=np.full(n + spare, 4.0),
         fixed=np.zeros(n + spare, dtype=np.bool_),
         log=np.zeros((4096, 3), dtype=np.int64),
-        moved=np.zeros((16384, 3)),
         counts=np.array([m, n, 0, 0], dtype=np.int64),
     )
     mesh.xy[:n], mesh.quads[:m], mesh.fixed[:n] = vertices, quads, fixed
