@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import lean, lean_inlined
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import (
     MOST,
     NONE,
+    PINNED,
     QUADS,
     VERTICES,
     Halfedges,
@@ -32,27 +33,34 @@ SWAP, COLLAPSE, SPLIT = range(3)
 TOTAL, KIND, HALFEDGE, ARGUMENT = range(4)
 
 
-@inlined
-def irregularity(mesh: Halfedges, vertex: int, change: int) -> float:
-    """What a vertex with ``change`` more elements costs; 0 when it is regular."""
-    off = mesh.degree[vertex] + change - mesh.ideal[vertex]
-    if not mesh.fixed[vertex]:
-        return off * off
+@lean_inlined
+def _off(off: float) -> float:
+    """What a boundary vertex costs that has so many elements too many; a little is nothing, its angle is as given."""
     return 0.8 * (abs(off) - 0.3) ** 2 if abs(off) > 0.55 else 0.0
 
 
-@inlined
+@lean_inlined
+def irregularity(mesh: Halfedges, vertex: int) -> float:
+    """What a vertex costs; 0 when it is regular."""
+    off = mesh.degree[vertex] - mesh.ideal[vertex]
+    return _off(off) if mesh.fixed[vertex] else off * off
+
+
+@lean_inlined
 def rise(mesh: Halfedges, vertex: int, change: int) -> float:
     """Irregularity added when a vertex gets ``change`` more elements; infinite when it may not."""
-    degree = mesh.degree[vertex] + change
-    if degree < (1 if mesh.fixed[vertex] else 3) or degree > MOST - 1:
+    degree = mesh.degree[vertex]
+    if degree + change > MOST:
         return math.inf
-    return irregularity(mesh, vertex, change) - irregularity(mesh, vertex, 0)
+    if mesh.fixed[vertex]:
+        off = degree - mesh.ideal[vertex]
+        return _off(off + change) - _off(off) if degree + change >= 1 else math.inf
+    return float(change * (2 * (degree - 4) + change)) if degree + change >= 3 else math.inf
 
 
-@inlined
+@lean_inlined
 def swap_cost(mesh: Halfedges, patch: Patch, h: int, side: int, most: float) -> float:
-    """Irregularity that a swap adds; infinite when it is not possible or adds more than ``most``."""
+    """Irregularity that a swap adds; infinite when it is not possible or does not add less than ``most``."""
     g = mesh.opp[h]
     if g == NONE or not inside(patch, g >> 2) or not inside(patch, h >> 2):
         return math.inf
@@ -60,37 +68,37 @@ def swap_cost(mesh: Halfedges, patch: Patch, h: int, side: int, most: float) -> 
     p = origin(mesh, before(h)) if side else origin(mesh, before(before(h)))
     r = origin(mesh, before(g)) if side else origin(mesh, before(before(g)))
     cost = rise(mesh, u, -1) + rise(mesh, w, -1) + rise(mesh, p, 1) + rise(mesh, r, 1)
-    return math.inf if p == r or cost > most or adjacent(mesh, p, r) else cost
+    return math.inf if p == r or cost >= most or adjacent(mesh, p, r) else cost
 
 
-@inlined
+@lean_inlined
 def collapse_cost(mesh: Halfedges, patch: Patch, h: int, most: float) -> float:
-    """Irregularity that a collapse adds; infinite when it is not possible or adds more than ``most``."""
+    """Irregularity that a collapse adds; infinite when it is not possible or does not add less than ``most``."""
     a, b = origin(mesh, h), origin(mesh, after(h))
     c, d = origin(mesh, after(after(h))), origin(mesh, before(h))
     stays, goes = merging(mesh, a, c)
     if mesh.fixed[goes] or not is_inner(patch, goes):
         return math.inf
     merged = rise(mesh, stays, mesh.degree[goes] - 2)
-    cost = merged - irregularity(mesh, goes, 0) + rise(mesh, b, -1) + rise(mesh, d, -1)
-    if cost > most:
+    cost = merged - irregularity(mesh, goes) + rise(mesh, b, -1) + rise(mesh, d, -1)
+    if cost >= most:
         return math.inf
     spoke = mesh.out[goes]
     for _ in range(mesh.degree[goes]):
         near, far = origin(mesh, after(spoke)), origin(mesh, after(after(spoke)))
         if near == stays or (far == stays and spoke >> 2 != h >> 2):
             return math.inf
-        if near not in (b, d) and adjacent(mesh, near, stays):
+        if near not in (b, d) and adjacent(mesh, stays, near):
             return math.inf
         spoke = around(mesh, spoke)
     return cost
 
 
-@inlined
+@lean_inlined
 def split_cost(mesh: Halfedges, patch: Patch, h: int, k: int, most: float) -> float:
-    """Irregularity that a split adds; infinite when it is not possible or adds more than ``most``."""
+    """Irregularity that a split adds; infinite when it is not possible or does not add less than ``most``."""
     v = origin(mesh, h)
-    if mesh.opp[h] == NONE or k < 2 or mesh.degree[v] - k < 2 or not is_inner(patch, v):
+    if mesh.opp[h] == NONE or k >= MOST or not is_inner(patch, v):
         return math.inf
     if mesh.counts[QUADS] + 1 >= len(mesh.quads) or mesh.counts[VERTICES] + 1 >= len(mesh.xy):
         return math.inf
@@ -103,26 +111,54 @@ def split_cost(mesh: Halfedges, patch: Patch, h: int, k: int, most: float) -> fl
         return math.inf
     ends = rise(mesh, origin(mesh, after(h)), 1) + rise(mesh, origin(mesh, after(other)), 1)
     cost = rise(mesh, v, 1 - k) + ends + (k - 3.0) ** 2
-    return cost if cost <= most else math.inf
+    return cost if cost < most else math.inf
 
 
-@inlined
+@lean_inlined
 def offer(options: Floats, count: int, total: float, kind: int, h: int, argument: int) -> int:
-    """Keep a change among the best, in order; how many there are."""
-    width = len(options)
-    if total == math.inf or (count == width and total >= options[width - 1, TOTAL]):
-        return count
-    at = min(count, width - 1)
+    """Keep a change among the best, in order, unless it is known; how many there are."""
+    at = count
+    while at > 0 and options[at - 1, TOTAL] >= total:
+        at -= 1
+        known = options[at, TOTAL] == total and options[at, HALFEDGE] == h
+        if known and options[at, KIND] == kind and options[at, ARGUMENT] == argument:
+            return count
+    at = min(count, len(options) - 1)
     while at > 0 and options[at - 1, TOTAL] > total:
-        options[at] = options[at - 1]
+        for column in range(4):
+            options[at, column] = options[at - 1, column]
         at -= 1
     options[at, TOTAL], options[at, KIND], options[at, HALFEDGE], options[at, ARGUMENT] = total, kind, h, argument
-    return min(count + 1, width)
+    return min(count + 1, len(options))
 
 
-@compiled
+@lean_inlined
+def _swaps(mesh: Halfedges, patch: Patch, h: int, side: int, total: float, options: Floats, count: int) -> int:
+    """Offer a swap."""
+    cost = swap_cost(mesh, patch, h, side, options[-1, TOTAL] - total)
+    return offer(options, count, total + cost, SWAP, min(h, mesh.opp[h]), side) if cost < math.inf else count
+
+
+@lean_inlined
+def _collapses(mesh: Halfedges, patch: Patch, h: int, total: float, options: Floats, count: int) -> int:
+    """Offer a collapse."""
+    cost = collapse_cost(mesh, patch, h, options[-1, TOTAL] - total)
+    return offer(options, count, total + cost, COLLAPSE, h & ~2, 0) if cost < math.inf else count
+
+
+@lean_inlined
+def _splits(mesh: Halfedges, patch: Patch, h: int, total: float, options: Floats, count: int) -> int:
+    """Offer the splits that begin with a half-edge, with two elements at least on either side."""
+    degree = mesh.degree[origin(mesh, h)]
+    for k in range(2, min(degree - 1, MOST)):
+        cost = split_cost(mesh, patch, h, k, options[-1, TOTAL] - total)
+        count = offer(options, count, total + cost, SPLIT, h, k) if cost < math.inf else count
+    return count
+
+
+@lean
 def list_options(
-    mesh: Halfedges, patch: Patch, hot: Ints, total: float, limit: float, regular_too: bool, options: Floats
+    mesh: Halfedges, patch: Patch, hot: Ints, total: float, limit: float, options: Floats
 ) -> int:
     """Fill the options with the changes that may help a hot vertex; how many there are.
 
@@ -131,45 +167,35 @@ def list_options(
         patch: where changes may be.
         hot: (k,) int64, vertices that a change may start from.
         total: irregularity added so far.
-        limit: irregularity that may have been added after the change.
-        regular_too: whether changes may start from regular vertices.
+        limit: after the change less irregularity than this must have been added.
         options: (width, 4) float64, overwritten: irregularity added after it, kind, half-edge, argument.
     """
     count = 0
-    most = limit - total
+    options[-1, TOTAL] = limit
     for v in hot:
-        if mesh.degree[v] == 0:
+        if mesh.degree[v] in (0, PINNED) or irregularity(mesh, v) == 0.0:
             continue
         off = mesh.degree[v] - mesh.ideal[v]
-        regular = irregularity(mesh, v, 0) == 0.0
-        if regular and not regular_too:
-            continue
         spoke = mesh.out[v]
         for _ in range(mesh.degree[v]):
-            if off > 0.0 or regular:
-                for side in range(2):
-                    cost = swap_cost(mesh, patch, spoke, side, most)
-                    count = offer(options, count, total + cost, SWAP, spoke, side)
-                h = after(spoke)
-                count = offer(options, count, total + collapse_cost(mesh, patch, h, most), COLLAPSE, h, 0)
-                for k in range(2, mesh.degree[v] - 1):
-                    cost = split_cost(mesh, patch, spoke, k, most)
-                    count = offer(options, count, total + cost, SPLIT, spoke, k)
-            if off < 0.0 or regular:
-                h = after(spoke)
-                count = offer(options, count, total + swap_cost(mesh, patch, h, 1, most), SWAP, h, 1)
-                h = after(h)
-                count = offer(options, count, total + swap_cost(mesh, patch, h, 0, most), SWAP, h, 0)
-                count = offer(options, count, total + collapse_cost(mesh, patch, spoke, most), COLLAPSE, spoke, 0)
-                h = mesh.opp[spoke]
-                if h != NONE:
-                    for k in range(2, mesh.degree[origin(mesh, h)] - 1):
-                        count = offer(options, count, total + split_cost(mesh, patch, h, k, most), SPLIT, h, k)
+            ahead = after(spoke)
+            if off > 0.0:
+                count = _swaps(mesh, patch, spoke, 0, total, options, count)
+                count = _swaps(mesh, patch, spoke, 1, total, options, count)
+                count = _collapses(mesh, patch, ahead, total, options, count)
+                count = _splits(mesh, patch, spoke, total, options, count)
+            else:
+                count = _swaps(mesh, patch, ahead, 1, total, options, count)
+                count = _swaps(mesh, patch, after(ahead), 0, total, options, count)
+                count = _collapses(mesh, patch, spoke, total, options, count)
+                back = mesh.opp[spoke]
+                if back != NONE:
+                    count = _splits(mesh, patch, back, total, options, count)
             spoke = around(mesh, spoke)
     return count
 
 
-@inlined
+@lean_inlined
 def heat(hot: Ints, count: int, vertex: int) -> int:
     """Add a vertex to the hot ones if there is room; how many there are."""
     for i in range(count):
@@ -181,7 +207,7 @@ def heat(hot: Ints, count: int, vertex: int) -> int:
     return count + 1
 
 
-@compiled
+@lean
 def make(mesh: Halfedges, patch: Patch, kind: int, h: int, argument: int, hot: Ints, count: int) -> int:
     """Make a change, and all vertices it touches hot; how many hot ones there are.
 

@@ -1,9 +1,9 @@
 """Topological clean-up: short sequences of swaps, collapses and splits that make vertices regular.
 
 Around each irregular vertex a depth-first search tries sequences of up to ``DEPTH`` changes, those first that leave the
-least irregularity. One that lessens it is tried out on a copy of the patch: its vertices are moved to where the
-elements are best. It stays when they are then on the whole no poorer than before, and the poorest is not poorer either;
-otherwise it is taken back.
+least irregularity. One that adds none is tried out on a copy of the patch: its vertices are moved to where the elements
+are best. It stays when they are then better on the whole than before, and the poorest is not poorer; otherwise it is
+taken back.
 """
 
 from __future__ import annotations
@@ -13,167 +13,185 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled
+from envs.kernels.compiled import lean
 from envs.types import Floats, Ints
-from freemesh_ray.finish.changes import HALFEDGE, KIND, ARGUMENT, TOTAL, irregularity, list_options, make
-from freemesh_ray.finish.halfedges import LOGGED, QUADS, SIGNATURE, VERTICES, Halfedges, commit, undo
-from freemesh_ray.finish.patch import Patch, copy, patch_of, rate, settle, size, spread, surround, write_back
+from freemesh_ray.finish.changes import ARGUMENT, HALFEDGE, KIND, TOTAL, irregularity, list_options, make
+from freemesh_ray.finish.halfedges import LOGGED, NONE, PINNED, QUADS, SIGNATURE, VERTICES, Halfedges, commit, undo
+from freemesh_ray.finish.optimiser import cost
+from freemesh_ray.finish.patch import (
+    Patch,
+    copy,
+    newest,
+    note,
+    patch_of,
+    rate,
+    settle,
+    size,
+    spread,
+    surround,
+    write_back,
+)
 
 #: The poorest element of a patch may become poorer only as long as it is better than this.
 FLOOR = 0.5
-#: Changes in one sequence, at most.
-DEPTH = 3
-#: Changes tried at each depth.
-WIDTH = (10, 6, 4)
-#: Irregularity that a sequence may add on its way.
-SLACK = 3.0
-#: Sequences tried out around one vertex, and those that are settled to the end, at most.
-TRIALS, FULL = 12, 3
-#: Steps of the descent before a sequence is judged for the first time and before the second.
-FIRST_STEPS, STEPS = 6, 20
-#: A sequence is given up when it costs more than this before the second.
-MARGIN = 0.4
-#: What the cost of the patch may rise for each unit of irregularity less.
-WORTH = 0.0
-# Entries of Search.counts.
-TRIED, SETTLED, KEPT = range(3)
+#: Times that all irregular vertices are gone over, at most.
+PASSES = 4
+#: Changes in one sequence, and those tried at each depth, at most.
+DEPTH, WIDTH = 2, 20
+#: Irregularity that a sequence may add on its way, and at its end; less than each.
+SLACK, GOAL = 4.2, 0.2
+#: Sequences tried out around one vertex, and those of them settled, at most.
+TRIALS, SETTLED = 60, 10
+#: Steps of the first descent, after which a patch is given up that costs more than before by this; and of the second.
+FIRST_STEPS, MARGIN, STEPS = 3, 0.4, 20
+#: The second descent ends when a step lowers the cost by less than this share.
+LEAST_FALL = 1e-3
+#: What the cost of a patch must fall by, and the part of that for each unit of irregularity that vanishes.
+GAIN, WORTH = 0.02, 0.2
+#: The cost of an element that makes the mesh neither better nor worse, over the mean cost before.
+LEVEL = 0.8
+
+# Outcomes of a trial.
+_GIVEN_UP, _POOR, _GOOD = range(3)
+# Rows of Search.stack.
+_LOGGED, _HOT, _COUNT, _AT = range(4)
 
 
 class Search(NamedTuple):
-    """Working memory of the clean-up.
+    """Working memory.
 
     Attributes:
-        patch: the patch.
+        patch: what is searched.
+        stack: (4, DEPTH) int64, for each depth entries of the log and hot vertices before it; options there are, tried.
+        options: (DEPTH, WIDTH, 4) float64, the changes to try; see changes.list_options.
         hot: (64,) int64, vertices that the next change may start from.
-        options: (DEPTH, most of WIDTH, 4) float64, the changes to try; see changes.list_options.
-        seen: (1024,) int64, signatures of the connectivities tried.
-        counts: (3,) int64, sequences tried, settled, kept.
-        changed: (M,) int64, for each element how many sequences had been kept when it was last in the patch of one.
-        failed: (V,) int64, for each vertex how many had been kept when the search around it last found nothing.
+        seen: (1024,) int64, signatures of the connectivities met.
+        kept: (1,) int64, how many sequences were kept.
+        changed: (M,) int64, for each element how many had been kept when it was last in the patch of one.
+        failed: (V,) int64, for each vertex how many had been kept, and 1, when the search around it found nothing.
     """
 
     patch: Patch
-    hot: Ints
+    stack: Ints
     options: Floats
+    hot: Ints
     seen: Ints
-    counts: Ints
+    kept: Ints
     changed: Ints
     failed: Ints
 
 
-@compiled
-def improve(
-    mesh: Halfedges, search: Search, seed: int, goal: float, gain: float, level: float, regular_too: bool
-) -> bool:
-    """Search around a vertex for a sequence that lessens irregularity; whether one was kept.
+@lean
+def try_out(mesh: Halfedges, patch: Patch, vertices: int, quads: int, level: float, limit: float, guard: float) -> int:
+    """Move the vertices of a copy of the patch to where they are best; the outcome.
 
     Args:
-        mesh: changed when one is.
+        mesh: not changed.
+        patch: the copy is overwritten.
+        vertices, quads: how many there were before the changes that are tried out.
+        level: cost of an element that makes the mesh neither better nor worse.
+        limit: what the patch may cost, with ``level`` taken off for each element.
+        guard: the least eta that its poorest element may have.
+    """
+    copy(mesh, patch, vertices, quads)
+    spread(patch)
+    limit += level * size(patch)
+    if not settle(patch, FIRST_STEPS, 0.0) < limit + MARGIN:
+        return _GIVEN_UP
+    return _GOOD if settle(patch, STEPS, LEAST_FALL) < limit and rate(patch) >= guard else _POOR
+
+
+@lean
+def improve(mesh: Halfedges, search: Search, seed: int, level: float) -> bool:
+    """Search around a vertex for a sequence that makes the mesh better; whether one was kept.
+
+    Args:
+        mesh: changed when one was.
         search: working memory.
         seed: the vertex.
-        goal: the irregularity added must be less than this.
-        gain: the cost of the patch must fall by at least this.
-        level: cost of an element that is neither good nor bad for the mesh as a whole.
-        regular_too: let changes start from regular vertices, too.
+        level: cost of an element that makes the mesh neither better nor worse.
     """
     patch = search.patch
-    newest = 0
-    for quad in surround(mesh, patch, seed):
-        newest = max(newest, search.changed[quad])
-    if newest < search.failed[seed]:
+    surround(mesh, patch, seed)
+    if newest(patch, search.changed) < search.failed[seed]:
         return False
-    vertices, quads = mesh.counts[VERTICES], mesh.counts[QUADS]
     commit(mesh)
+    vertices, quads = mesh.counts[VERTICES], mesh.counts[QUADS]
     copy(mesh, patch, vertices, quads)
-    limit = settle(patch, 0, 0.0) - level * size(patch) - gain
-    guard = min(rate(patch)[1], FLOOR)
-    totals = np.zeros(DEPTH + 1)
-    logged = np.zeros(DEPTH + 1, dtype=np.int64)
-    hot = np.zeros(DEPTH + 1, dtype=np.int64)
-    count, at = np.zeros(DEPTH, dtype=np.int64), np.zeros(DEPTH, dtype=np.int64)
-    search.hot[0], hot[0] = seed, 1
-    search.seen[0] = mesh.counts[SIGNATURE]
-    seen = 1
-    count[0] = list_options(
-        mesh, patch, search.hot[:1], 0.0, SLACK if DEPTH > 1 else goal, regular_too, search.options[0, : WIDTH[0]]
-    )
+    limit = settle(patch, 0, 0.0) - level * size(patch) - GAIN
+    guard = min(rate(patch), FLOOR)
+    logged, hot, count, at = search.stack[_LOGGED], search.stack[_HOT], search.stack[_COUNT], search.stack[_AT]
+    search.hot[0], search.seen[0], seen = seed, mesh.counts[SIGNATURE], 1
+    logged[0], hot[0], at[0] = 0, 1, 0
+    count[0] = list_options(mesh, patch, search.hot[:1], 0.0, SLACK if DEPTH > 1 else GOAL, search.options[0])
     depth = tried = settled = 0
     while depth >= 0:
         undo(mesh, logged[depth])
-        if at[depth] == count[depth] or tried == TRIALS or settled == FULL:
+        if at[depth] == count[depth] or tried == TRIALS or settled == SETTLED:
             depth -= 1
             continue
         option = search.options[depth, at[depth]]
         at[depth] += 1
-        total = option[TOTAL]
-        hot_now = make(
-            mesh, patch, int(option[KIND]), int(option[HALFEDGE]), int(option[ARGUMENT]), search.hot, hot[depth]
-        )
-        signature = mesh.counts[SIGNATURE]
+        total, kind, h, argument = option[TOTAL], int(option[KIND]), int(option[HALFEDGE]), int(option[ARGUMENT])
+        hot_now = make(mesh, patch, kind, h, argument, search.hot, hot[depth])
         known = False
         for i in range(seen):
-            known = known or search.seen[i] == signature
+            known = known or search.seen[i] == mesh.counts[SIGNATURE]
         if known:
             continue
         if seen < len(search.seen):
-            search.seen[seen] = signature
+            search.seen[seen] = mesh.counts[SIGNATURE]
             seen += 1
-        if total < goal:
+        if total < GOAL:
+            outcome = try_out(mesh, patch, vertices, quads, level, limit - WORTH * total, guard)
             tried += 1
-            copy(mesh, patch, vertices, quads)
-            spread(patch)
-            value = settle(patch, FIRST_STEPS, 0.0) - level * size(patch)
-            if value < limit + MARGIN:
-                settled += 1
-                value = settle(patch, STEPS, 1e-3) - level * size(patch)
-                if value < limit - WORTH * total and rate(patch)[1] >= max(guard, 1e-3):
-                    write_back(mesh, patch)
-                    search.counts[KEPT] += 1
-                    for i in range(len(search.changed)):
-                        if patch.quad_stamp[i] == patch.counts[0]:
-                            search.changed[i] = search.counts[KEPT]
-                    search.counts[TRIED] += tried
-                    search.counts[SETTLED] += settled
-                    commit(mesh)
-                    return True
+            settled += outcome != _GIVEN_UP
+            if outcome == _GOOD:
+                write_back(mesh, patch)
+                search.kept[0] += 1
+                note(patch, search.changed, search.kept[0])
+                search.changed[quads : mesh.counts[QUADS]] = search.kept[0]
+                return True
         if depth + 1 < DEPTH:
             depth += 1
-            totals[depth], logged[depth] = total, mesh.counts[LOGGED]
-            hot[depth], at[depth] = hot_now, 0
-            count[depth] = list_options(
-                mesh, patch, search.hot[:hot_now], total, SLACK if depth + 1 < DEPTH else goal - 1e-9, regular_too,
-                search.options[depth, : WIDTH[depth]],
-            )
-    search.counts[TRIED] += tried
-    search.counts[SETTLED] += settled
-    search.failed[seed] = search.counts[KEPT] + 1
+            logged[depth], hot[depth], at[depth] = mesh.counts[LOGGED], hot_now, 0
+            limit_now = SLACK if depth + 1 < DEPTH else GOAL
+            count[depth] = list_options(mesh, patch, search.hot[:hot_now], total, limit_now, search.options[depth])
+    search.failed[seed] = search.kept[0] + 1
     return False
 
 
-@compiled
-def clean(mesh: Halfedges, search: Search, passes: int, gain: float, level: float) -> int:
-    """Go over all irregular vertices until nothing more is kept, ``passes`` times at most; sequences kept."""
-    kept = 0
-    for _ in range(passes):
-        before_pass = kept
-        v = 0
+@lean
+def search_all(mesh: Halfedges, search: Search, level: float) -> None:
+    """Go over all irregular vertices, again and again, until nothing more is kept."""
+    for _ in range(PASSES):
+        before, v = search.kept[0], 0
         while v < mesh.counts[VERTICES]:
-            if mesh.degree[v] > 0 and irregularity(mesh, v, 0) > 0.0:
-                kept += improve(mesh, search, v, -0.5, gain, level, False)
+            if mesh.degree[v] not in (0, PINNED) and irregularity(mesh, v) > 0.0:
+                improve(mesh, search, v, level)
             v += 1
-        if kept == before_pass:
+        if search.kept[0] == before:
             break
-    return kept
 
 
-def workspace(mesh: Halfedges) -> Search:
-    """Room for a search in this mesh."""
-    return Search(
+def clean_up(mesh: Halfedges) -> int:
+    """Clean a mesh up; the number of sequences that were kept.
+
+    Args:
+        mesh: valid; changed in place, and valid again.
+    """
+    search = Search(
         patch=patch_of(mesh),
+        stack=np.zeros((4, DEPTH), dtype=np.int64),
+        options=np.zeros((DEPTH, WIDTH, 4)),
         hot=np.zeros(64, dtype=np.int64),
-        options=np.zeros((DEPTH, max(WIDTH), 4)),
         seen=np.zeros(1024, dtype=np.int64),
-        counts=np.zeros(3, dtype=np.int64),
+        kept=np.zeros(1, dtype=np.int64),
         changed=np.zeros(len(mesh.quads), dtype=np.int64),
         failed=np.zeros(len(mesh.xy), dtype=np.int64),
     )
+    quads = mesh.quads[mesh.quads[:, 0] != NONE]
+    mean = cost(mesh.xy, quads, False, np.empty_like(mesh.xy), search.patch.descent.lanes) / len(quads)
+    if math.isfinite(mean):
+        search_all(mesh, search, LEVEL * mean)
+    return int(search.kept[0])

@@ -2,7 +2,7 @@
 
 eta is made of least and largest lengths and angles. Moving one vertex at a time gets stuck where two of them are equal;
 moving all of them along a smooth function does not. The stand-in has the same form with the least and largest of four
-numbers replaced by their means of order -P and P (the largest exceeds its stand-in by at most 4^(1/P), 9 %):
+numbers replaced by their means of order -P and P (with P = 16 the largest exceeds its stand-in by 9 % at most, with 64 by 2 %):
 
     min(x)  ->  (mean x^-P)^(-1/P)         max(x)  ->  (mean x^P)^(1/P)
 
@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, fused, inlined
+from envs.kernels.compiled import lean, lean_fused, lean_inlined
 from envs.types import Floats, Ints
 
 #: Below this an element counts as poor, and how much.
@@ -52,6 +52,8 @@ class Descent(NamedTuple):
         vectors: (4, 2 n) float64, gradient, new gradient, direction and start.
         steps, changes: (HISTORY, 2 n) float64, differences of positions and of gradients.
         lanes: (9, LANES) float64.
+        sides: (n,) int64, how many lengths ``unit`` is the mean of.
+        history: (2, HISTORY) float64, curvature of each step, and its share of the direction.
     """
 
     raw: Floats
@@ -60,6 +62,8 @@ class Descent(NamedTuple):
     steps: Floats
     changes: Floats
     lanes: Floats
+    sides: Ints
+    history: Floats
 
 
 def descent(n: int) -> Descent:
@@ -71,19 +75,29 @@ def descent(n: int) -> Descent:
         steps=np.empty((HISTORY, 2 * n)),
         changes=np.empty((HISTORY, 2 * n)),
         lanes=np.empty((9, LANES)),
+        sides=np.empty(n, dtype=np.int64),
+        history=np.empty((2, HISTORY)),
     )
 
 
-@inlined
-def power_16(x: float) -> float:
-    """x^16: the order of the means is P = 16."""
+@lean_inlined
+def power(x: float, sharp: bool) -> float:
+    """x^P."""
     x *= x
     x *= x
     x *= x
-    return x * x
+    x *= x
+    return (x * x) * (x * x) if sharp else x
 
 
-@inlined
+@lean_inlined
+def root(x: float, sharp: bool) -> float:
+    """x^(1/P)."""
+    x = math.sqrt(math.sqrt(math.sqrt(math.sqrt(x))))
+    return math.sqrt(math.sqrt(x)) if sharp else x
+
+
+@lean_inlined
 def turn(ux: float, uy: float, vx: float, vy: float) -> float:
     """The angle from u to v, in [0, 2 pi).
 
@@ -99,8 +113,8 @@ def turn(ux: float, uy: float, vx: float, vy: float) -> float:
     return half if cross >= 0.0 else 8.0 * _QUARTER - half
 
 
-@fused
-def _work_out(lanes: Floats, n: int) -> None:
+@lean_fused
+def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
     """Cost and derivatives of the elements in the first n lanes.
 
     The angle at a corner is the turn from the edge u ahead to the edge v behind; a direction's angle has the gradient
@@ -121,18 +135,17 @@ def _work_out(lanes: Floats, n: int) -> None:
         per_ab2, per_bc2, per_cd2, per_da2 = 1.0 / ab2, 1.0 / bc2, 1.0 / cd2, 1.0 / da2
         per_alpha, per_beta, per_gamma, per_delta = 1.0 / alpha, 1.0 / beta, 1.0 / gamma, 1.0 / delta
         per_high, per_longest2 = 1.0 / high, 1.0 / longest2
-        ab, bc = power_16(least2 * per_ab2), power_16(least2 * per_bc2)
-        cd, da = power_16(least2 * per_cd2), power_16(least2 * per_da2)
-        low_a, low_b = power_16(low * per_alpha), power_16(low * per_beta)
-        low_c, low_d = power_16(low * per_gamma), power_16(low * per_delta)
-        high_a, high_b = power_16(alpha * per_high), power_16(beta * per_high)
-        high_c, high_d = power_16(gamma * per_high), power_16(delta * per_high)
-        p, r = power_16(p2 * per_longest2), power_16(r2 * per_longest2)
+        ab, bc = power(least2 * per_ab2, sharp), power(least2 * per_bc2, sharp)
+        cd, da = power(least2 * per_cd2, sharp), power(least2 * per_da2, sharp)
+        low_a, low_b = power(low * per_alpha, sharp), power(low * per_beta, sharp)
+        low_c, low_d = power(low * per_gamma, sharp), power(low * per_delta, sharp)
+        high_a, high_b = power(alpha * per_high, sharp), power(beta * per_high, sharp)
+        high_c, high_d = power(gamma * per_high, sharp), power(delta * per_high, sharp)
+        p, r = power(p2 * per_longest2, sharp), power(r2 * per_longest2, sharp)
         lengths, diagonals = ab + bc + cd + da, p + r
         lows, highs = low_a + low_b + low_c + low_d, high_a + high_b + high_c + high_d
         soft = math.sqrt(0.125 * lengths * diagonals) * (0.0625 * lows * highs)
-        soft = math.sqrt(math.sqrt(math.sqrt(math.sqrt(soft))))
-        eta = math.sqrt(math.sqrt(2.0 * least2 * per_longest2) * low * per_high / soft)
+        eta = math.sqrt(math.sqrt(2.0 * least2 * per_longest2) * low * per_high / root(soft, sharp))
         gap = max(0.0, WEAK - eta)
         lanes[_COST, i] = 1.0 - eta + WEIGHT * gap * gap if least2 > 0.0 and low > 0.0 else math.inf
         slope = 0.5 * eta * (1.0 + 2.0 * WEIGHT * gap)
@@ -158,13 +171,14 @@ def _work_out(lanes: Floats, n: int) -> None:
         lanes[_DX, i], lanes[_DY, i] = cdx - dax + rx, cdy - day + ry
 
 
-@compiled
-def cost(xy: Floats, quads: Ints, gradient: Floats, lanes: Floats) -> float:
+@lean
+def cost(xy: Floats, quads: Ints, sharp: bool, gradient: Floats, lanes: Floats) -> float:
     """The sum that is minimised, and its gradient by every vertex.
 
     Args:
         xy: (n, 2) float64.
         quads: (m, 4) int64.
+        sharp: whether P is 64 rather than 16.
         gradient: (n, 2) float64, overwritten.
         lanes: (9, LANES) float64, working memory.
     """
@@ -176,7 +190,11 @@ def cost(xy: Floats, quads: Ints, gradient: Floats, lanes: Floats) -> float:
             for corner in range(4):
                 v = quads[start + i, corner]
                 lanes[2 * corner, i], lanes[2 * corner + 1, i] = xy[v, 0], xy[v, 1]
-        _work_out(lanes, n)
+        full = (n + 7) & ~7
+        for i in range(n, full):
+            for row in range(8):
+                lanes[row, i] = lanes[row, n - 1]
+        _work_out(lanes, full, sharp)
         for i in range(n):
             total += lanes[_COST, i]
             for corner in range(4):
@@ -186,7 +204,7 @@ def cost(xy: Floats, quads: Ints, gradient: Floats, lanes: Floats) -> float:
     return total
 
 
-@inlined
+@lean_inlined
 def dot(a: Floats, b: Floats) -> float:
     """The inner product of two vectors whose length is even."""
     even = odd = 0.0
@@ -196,18 +214,17 @@ def dot(a: Floats, b: Floats) -> float:
     return even + odd
 
 
-@inlined
+@lean_inlined
 def add(a: Floats, share: float, b: Floats) -> None:
     """a += share b."""
     for i in range(len(a)):
         a[i] += share * b[i]
 
 
-@inlined
-def measure(xy: Floats, quads: Ints, unit: Floats) -> None:
+@lean_inlined
+def measure(xy: Floats, quads: Ints, unit: Floats, sides: Ints) -> None:
     """Overwrite ``unit``, (n,) float64, with the mean length of the elements' sides at each vertex."""
-    unit[:] = 0.0
-    sides = np.zeros(len(unit), dtype=np.int64)
+    unit[:], sides[:] = 0.0, 0
     for q in range(len(quads)):
         for i in range(4):
             a, b = quads[q, i], quads[q, (i + 1) & 3]
@@ -220,21 +237,24 @@ def measure(xy: Floats, quads: Ints, unit: Floats) -> None:
         unit[v] /= max(1, sides[v])
 
 
-@inlined
+@lean_inlined
 def scaled(raw: Floats, unit: Floats, out: Floats) -> None:
     """The gradient by positions in units."""
     for v in range(len(out) >> 1):
         out[2 * v], out[2 * v + 1] = unit[v] * raw[v, 0], unit[v] * raw[v, 1]
 
 
-@fused
-def descend(xy: Floats, quads: Ints, free: int, iterations: int, least_fall: float, memory: Descent) -> float:
+@lean_fused
+def descend(
+    xy: Floats, quads: Ints, free: int, sharp: bool, iterations: int, least_fall: float, memory: Descent
+) -> float:
     """Move the first ``free`` vertices to where the cost is least; the cost, which never rises.
 
     Args:
         xy: (n, 2) float64, changed in place.
         quads: (m, 4) int64.
         free: how many vertices may move.
+        sharp: whether the means are of order 64 rather than 16: closer to eta, and harder to descend.
         iterations: at most.
         least_fall: the descent ends when a step lowers the cost by less than this share.
         memory: with room for n vertices.
@@ -242,15 +262,16 @@ def descend(xy: Floats, quads: Ints, free: int, iterations: int, least_fall: flo
     raw, unit = memory.raw[: len(xy)], memory.unit[: len(xy)]
     gradient, new_gradient = memory.vectors[0, : 2 * free], memory.vectors[1, : 2 * free]
     direction, start = memory.vectors[2, : 2 * free], memory.vectors[3, : 2 * free]
-    curvature, share = np.zeros(HISTORY), np.zeros(HISTORY)
+    curvature, share = memory.history[0], memory.history[1]
     known = newest = 0
-    value = cost(xy, quads, raw, memory.lanes)
+    value = cost(xy, quads, sharp, raw, memory.lanes)
     if free == 0 or value == math.inf:
         return value
-    measure(xy, quads, unit)
+    measure(xy, quads, unit, memory.sides[: len(xy)])
     scaled(raw, unit, gradient)
     for _ in range(iterations):
-        direction[:] = gradient
+        for i in range(2 * free):
+            direction[i] = gradient[i]
         for back in range(known):
             k = (newest - 1 - back) % HISTORY
             share[k] = dot(memory.steps[k, : 2 * free], direction) / curvature[k]
@@ -281,7 +302,7 @@ def descend(xy: Floats, quads: Ints, free: int, iterations: int, least_fall: flo
             for v in range(free):
                 xy[v, 0] = start[2 * v] - length * unit[v] * direction[2 * v]
                 xy[v, 1] = start[2 * v + 1] - length * unit[v] * direction[2 * v + 1]
-            new_value = cost(xy, quads, raw, memory.lanes)
+            new_value = cost(xy, quads, sharp, raw, memory.lanes)
             if new_value <= value - ARMIJO * length * fall:
                 break
             length *= 0.5
@@ -298,7 +319,8 @@ def descend(xy: Floats, quads: Ints, free: int, iterations: int, least_fall: flo
         if curvature[k] > 1e-12 * dot(memory.changes[k, : 2 * free], memory.changes[k, : 2 * free]):
             newest += 1
             known = min(known + 1, HISTORY)
-        gradient[:] = new_gradient
+        for i in range(2 * free):
+            gradient[i] = new_gradient[i]
         settled = value - new_value < least_fall * value
         value = new_value
         if settled:

@@ -10,23 +10,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import lean, lean_inlined
 from envs.quality import eta_or_bent
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, after, around, before, origin
 from freemesh_ray.finish.optimiser import Descent, descend, descent
 
-RINGS = 2
+RINGS = 3
 #: Vertices that may move, and elements, at most; further ones belong to the rim, or outside.
 INNER, ELEMENTS = 96, 256
 #: Vertices and elements that one sequence of changes may add, at most.
 ADDED = 8
 #: Rounds that take the moving vertices to the middle of the elements around them, and how far beyond that of their
 #: neighbours, away from the opposite corners.
-ROUNDS, SPREAD = 3, 0.4
+ROUNDS, SPREAD = 2, 0.2
 
 # Entries of Patch.counts.
-_STAMP, _INNER, _ELEMENTS, _FREE, _VERTICES, _QUADS = range(6)
+_STAMP, _INNER, _ELEMENTS, _FREE, _VERTICES, _QUADS, _COPY = range(7)
 
 
 class Patch(NamedTuple):
@@ -41,6 +41,7 @@ class Patch(NamedTuple):
         vertices: (4 (ELEMENTS + ADDED),) int64, the vertices of the copy, those first that may move.
         xy: as many, 2, float64, where they are on trial.
         quads: (ELEMENTS + ADDED, 4) int64, the elements of the copy, as indices into ``vertices``.
+        total: (as many, 3) float64, working memory.
         descent: working memory.
         counts: (7,) int64: stamp; inner vertices, elements; of the copy moving vertices, vertices, elements; its stamp.
     """
@@ -54,31 +55,32 @@ class Patch(NamedTuple):
     vertices: Ints
     xy: Floats
     quads: Ints
+    total: Floats
     descent: Descent
     counts: Ints
 
 
-@inlined
+@lean_inlined
 def is_inner(patch: Patch, vertex: int) -> bool:
     """Whether all elements around a vertex belong to the patch."""
     return patch.vertex_stamp[vertex] == patch.counts[_STAMP]
 
 
-@inlined
+@lean_inlined
 def inside(patch: Patch, quad: int) -> bool:
     """Whether an element belongs to the patch."""
     return patch.quad_stamp[quad] == patch.counts[_STAMP]
 
 
-@inlined
+@lean_inlined
 def take_in(patch: Patch, vertex: int, quad: int) -> None:
     """Let a new vertex and a new element belong to the patch, too."""
     patch.vertex_stamp[vertex] = patch.quad_stamp[quad] = patch.counts[_STAMP]
 
 
-@compiled
-def surround(mesh: Halfedges, patch: Patch, seed: int) -> Ints:
-    """Gather the patch around a vertex; its elements, (k,) int64."""
+@lean
+def surround(mesh: Halfedges, patch: Patch, seed: int) -> None:
+    """Gather the patch around a vertex."""
     patch.counts[_STAMP] += 1
     stamp = patch.counts[_STAMP]
     inner, elements, begin, room = 0, 0, 0, ELEMENTS
@@ -103,21 +105,36 @@ def surround(mesh: Halfedges, patch: Patch, seed: int) -> Ints:
                 spoke = around(mesh, spoke)
         begin = end
     patch.counts[_INNER], patch.counts[_ELEMENTS] = inner, elements
-    return patch.elements[:elements]
 
 
-@inlined
+@lean_inlined
+def newest(patch: Patch, notes: Ints) -> int:
+    """The largest note on an element of the patch; (M,) int64, at least 0."""
+    largest = 0
+    for i in range(patch.counts[_ELEMENTS]):
+        largest = max(largest, notes[patch.elements[i]])
+    return largest
+
+
+@lean_inlined
+def note(patch: Patch, notes: Ints, value: int) -> None:
+    """Note something on all elements that the patch was gathered with."""
+    for i in range(patch.counts[_ELEMENTS]):
+        notes[patch.elements[i]] = value
+
+
+@lean_inlined
 def _enter(mesh: Halfedges, patch: Patch, vertex: int, at: int) -> int:
     """Copy a vertex; how many there are."""
-    patch.local[vertex], patch.local_stamp[vertex] = at, patch.counts[6]
+    patch.local[vertex], patch.local_stamp[vertex] = at, patch.counts[_COPY]
     patch.vertices[at], patch.xy[at, 0], patch.xy[at, 1] = vertex, mesh.xy[vertex, 0], mesh.xy[vertex, 1]
     return at + 1
 
 
-@compiled
+@lean
 def copy(mesh: Halfedges, patch: Patch, vertices_before: int, quads_before: int) -> None:
     """Copy what the patch has become; new vertices and elements are those from the given numbers on."""
-    patch.counts[6] += 1
+    patch.counts[_COPY] += 1
     n = m = 0
     for i in range(patch.counts[_INNER]):
         v = patch.inner[i]
@@ -134,19 +151,18 @@ def copy(mesh: Halfedges, patch: Patch, vertices_before: int, quads_before: int)
             continue
         for corner in range(4):
             v = mesh.quads[quad, corner]
-            if patch.local_stamp[v] != patch.counts[6]:
+            if patch.local_stamp[v] != patch.counts[_COPY]:
                 n = _enter(mesh, patch, v, n)
             patch.quads[m, corner] = patch.local[v]
         m += 1
     patch.counts[_VERTICES], patch.counts[_QUADS] = n, m
 
 
-@compiled
+@lean
 def spread(patch: Patch) -> None:
     """Take the moving vertices of the copy to the middle of the elements around them."""
-    xy, quads = patch.xy, patch.quads[: patch.counts[_QUADS]]
+    xy, quads, total = patch.xy, patch.quads[: patch.counts[_QUADS]], patch.total[: patch.counts[_VERTICES]]
     free = patch.counts[_FREE]
-    total = np.empty((patch.counts[_VERTICES], 3))
     for _ in range(ROUNDS):
         total[:] = 0.0
         for q in range(len(quads)):
@@ -160,32 +176,32 @@ def spread(patch: Patch) -> None:
             xy[v, 0], xy[v, 1] = total[v, 0] / total[v, 2], total[v, 1] / total[v, 2]
 
 
-@inlined
+@lean_inlined
 def settle(patch: Patch, steps: int, least_fall: float) -> float:
     """Move the vertices of the copy to where they are best; the cost of its elements."""
     n, m = patch.counts[_VERTICES], patch.counts[_QUADS]
-    return descend(patch.xy[:n], patch.quads[:m], patch.counts[_FREE], steps, least_fall, patch.descent)
+    return descend(patch.xy[:n], patch.quads[:m], patch.counts[_FREE], False, steps, least_fall, patch.descent)
 
 
-@inlined
+@lean_inlined
 def size(patch: Patch) -> int:
     """How many elements the copy has."""
     return patch.counts[_QUADS]
 
 
-@inlined
-def rate(patch: Patch) -> tuple[float, float]:
-    """The sum of the eta of the elements of the copy, and the least; -1 counts where they are not strictly convex."""
-    total, least = 0.0, 1.0
+@lean_inlined
+def rate(patch: Patch) -> float:
+    """The least eta of the elements of the copy; -1 when one is not strictly convex."""
+    least = 1.0
     for i in range(patch.counts[_QUADS]):
         a, b, c, d = patch.quads[i, 0], patch.quads[i, 1], patch.quads[i, 2], patch.quads[i, 3]
         xy = patch.xy
         eta = eta_or_bent(xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1], xy[d, 0], xy[d, 1])
-        total, least = total + eta, min(least, eta)
-    return total, least
+        least = min(least, eta)
+    return least
 
 
-@compiled
+@lean
 def write_back(mesh: Halfedges, patch: Patch) -> None:
     """Give the vertices of the mesh the positions of the copy."""
     for i in range(patch.counts[_FREE]):
@@ -207,6 +223,7 @@ def patch_of(mesh: Halfedges) -> Patch:
         vertices=np.zeros(most, dtype=np.int64),
         xy=np.zeros((most, 2)),
         quads=np.zeros((ELEMENTS + ADDED, 4), dtype=np.int64),
+        total=np.zeros((most, 3)),
         descent=descent(most),
         counts=np.zeros(7, dtype=np.int64),
     )
