@@ -8,7 +8,7 @@ numbers replaced by their means of order -P and P (with P = 16 the largest excee
 
 What is minimised is the sum over the elements of
 
-    1 - eta + WEIGHT max(0, WEAK - eta)^2
+    1 - eta + WEIGHT gap^2 + STEEP gap^4        with gap = max(0, WEAK - eta)
 
 Vertices move in units of the mean length of their edges, so that fine and coarse parts of a mesh are alike.
 Nocedal, Wright, Numerical Optimization, 2nd ed., algorithm 7.4; backtracking until the sum falls (Armijo).
@@ -25,7 +25,7 @@ from envs.kernels.compiled import lean, lean_fused, lean_inlined
 from envs.types import Floats, Ints
 
 #: Below this an element counts as poor, and how much.
-WEAK, WEIGHT = 0.72, 8.0
+WEAK, WEIGHT, STEEP = 0.8, 4.0, 30.0
 #: Steps remembered.
 HISTORY = 5
 #: Share of the predicted fall that a step must bring.
@@ -147,8 +147,8 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         soft = math.sqrt(0.125 * lengths * diagonals) * (0.0625 * lows * highs)
         eta = math.sqrt(math.sqrt(2.0 * least2 * per_longest2) * low * per_high / root(soft, sharp))
         gap = max(0.0, WEAK - eta)
-        lanes[_COST, i] = 1.0 - eta + WEIGHT * gap * gap if least2 > 0.0 and low > 0.0 else math.inf
-        slope = 0.5 * eta * (1.0 + 2.0 * WEIGHT * gap)
+        lanes[_COST, i] = 1.0 - eta + gap * gap * (WEIGHT + STEEP * gap * gap) if least2 > 0.0 and low > 0.0 else math.inf
+        slope = 0.5 * eta * (1.0 + gap * (2.0 * WEIGHT + 4.0 * STEEP * gap * gap))
         # The derivative by each squared length and angle, over twice its gradient's length.
         s = -slope / lengths
         ab, bc, cd, da = s * ab * per_ab2, s * bc * per_bc2, s * cd * per_cd2, s * da * per_da2
