@@ -78,6 +78,24 @@ def inlined(function: F) -> F:
     return _compile(function, forceinline=True)
 
 
+def lean(function: F) -> F:
+    """Compile without reference counts, which loops over arrays in tuples can spend most of their time on.
+
+    The function may neither make nor return arrays.
+    """
+    return _compile(function, _nrt=False)
+
+
+def lean_inlined(function: F) -> F:
+    """Compile like :func:`lean`, and fold the body into its callers."""
+    return _compile(function, forceinline=True, _nrt=False)
+
+
 def fused(function: F) -> F:
     """Compile with x * y + z rounded once: for sums of products that nothing compares bit for bit."""
     return _compile(function, fastmath={"contract"})
+
+
+def lean_fused(function: F) -> F:
+    """Compile like both :func:`lean` and :func:`fused`."""
+    return _compile(function, fastmath={"contract"}, _nrt=False)

@@ -1,26 +1,27 @@
-"""The finish of a mesh: topological clean-up and smoothing, each of which only ever improves it.
+"""The finish of a mesh: clean up its connectivity, move its interior vertices to where the elements are best.
 
-    smooth a little -> clean up -> move all vertices at once -> smooth
+    move all vertices at once -> clean up -> move all vertices at once, twice
 
-The boundary is never touched. Both steps can be left out, and neither lets the poorest element become poorer than it
-was, or than ``smoother.FLOOR`` when it was better.
+The boundary is never touched. What comes out is never worse than what was given: see :func:`finish`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Floats, Ints
-from freemesh_ray.finish import cleanup, smoother
+from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
-from freemesh_ray.finish.optimiser import descend
+from freemesh_ray.finish.optimiser import descend, descent
 
-#: Rounds of smoothing before the clean-up and at the end, passes of the clean-up, steps of all vertices at once.
-FIRST_SWEEPS, LAST_SWEEPS, PASSES, STEPS = 6, 30, 4, 80
+#: Steps of all vertices at once: before the clean-up; after it; and then with the sharp stand-in.
+FIRST_STEPS, STEPS, SHARP_STEPS = 30, 60, 60
+#: A descent ends when a step lowers the cost by less than this share.
+LEAST_FALL = 2e-5
 #: How often vertices near elements that became too poor are held, before nothing is moved at all.
 HOLDS = 4
 
@@ -30,8 +31,8 @@ class Finished:
     """A finished mesh.
 
     Attributes:
-        mesh: its elements are in no particular order when it was cleaned up.
-        sequences: topological changes that were kept.
+        mesh: the domain's points first; elements and other vertices are in no particular order.
+        sequences: short sequences of topological changes that were kept.
     """
 
     mesh: Mesh
@@ -41,47 +42,60 @@ class Finished:
 def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
     """Improve a complete mesh.
 
+    The mean of eta never falls, the least eta does not fall below what it was, or ``cleanup.FLOOR`` when it was
+    better, and the interior vertices that are irregular do not become more.
+
     Args:
         mesh: without defects.
         smooth: move interior vertices.
-        clean: change the connectivity where that makes vertices regular; interior vertices nearby move with it.
+        clean: change the connectivity where that makes elements better; interior vertices nearby move with it.
     """
     given = np.zeros(len(mesh.vertices), dtype=np.bool_)
     given[mesh.segments.ravel()] = True
     work = build(mesh.vertices, mesh.quads, given)
-    step, star = smoother.workspace(work)
     if smooth:
-        inner = movable(work)
-        smoother.smooth(work, inner, len(inner), FIRST_SWEEPS, False, step, star)
-    sequences = cleanup.clean(work, cleanup.workspace(work, step, star), PASSES, 0.0) if clean else 0
+        relax(work, False, FIRST_STEPS)
+    sequences = clean_up(work) if clean else 0
     if smooth:
-        relax(work)
-        inner = movable(work)
-        smoother.smooth(work, inner, len(inner), LAST_SWEEPS, False, step, star)
+        relax(work, False, STEPS)
+        relax(work, True, SHARP_STEPS)
     vertices, quads = compact(work, int(mesh.segments.max()) + 1)
-    return Finished(Mesh(mesh.name, vertices, quads, mesh.segments, mesh.complete), sequences)
+    finished = replace(mesh, vertices=vertices, quads=quads)
+    if no_worse(mesh, finished):
+        return Finished(finished, sequences)
+    return finish(mesh, smooth=smooth, clean=False) if smooth and clean else Finished(mesh, 0)
 
 
-def movable(work: Halfedges) -> Ints:
-    """Interior vertices, (n,) int64."""
-    count = work.counts[VERTICES]
-    return np.flatnonzero(~work.fixed[:count] & (work.degree[:count] > 0))
+def no_worse(before: Mesh, after: Mesh) -> bool:
+    """Whether a finished mesh is as good as promised."""
+    old, new = qualities(before.vertices, before.quads), qualities(after.vertices, after.quads)
+    fine = bool(new.mean() >= old.mean() and new.min() >= min(float(old.min()), FLOOR))
+    return fine and irregular(after) <= irregular(before)
 
 
-def relax(work: Halfedges) -> None:
+def irregular(mesh: Mesh) -> int:
+    """Interior vertices with other than four elements."""
+    around = np.bincount(mesh.quads.ravel(), minlength=len(mesh.vertices))
+    return int(((around != 4) & (around > 0) & ~mesh.on_boundary).sum())
+
+
+def relax(work: Halfedges, sharp: bool, steps: int) -> None:
     """Move all interior vertices at once, but for those around elements that would become too poor."""
     count, quads = work.counts[VERTICES], work.quads[: work.counts[QUADS]]
-    quads = np.ascontiguousarray(quads[quads[:, 0] != NONE])
+    quads = quads[quads[:, 0] != NONE]
     start = work.xy[:count].copy()
-    limit = min(float(element_quality(start, quads).min()), smoother.FLOOR)
-    free = np.zeros(count, dtype=np.bool_)
-    free[movable(work)] = True
+    limit = min(float(qualities(start, quads).min()), FLOOR)
+    free = ~work.fixed[:count] & (work.degree[:count] > 0)
+    memory = descent(count)
     for _ in range(HOLDS):
-        moved = start.copy()
-        descend(moved, quads, free, STEPS)
-        poor = ~(qualities(moved, quads) >= limit)
+        order = np.argsort(~free, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(count)
+        moved, corners = start[order], place[quads]
+        descend(moved, corners, int(free.sum()), sharp, steps, LEAST_FALL, memory)
+        poor = qualities(moved, corners) < limit
         if not poor.any():
-            work.xy[:count] = moved
+            work.xy[order] = moved
             return
         held = np.zeros(count, dtype=np.bool_)
         held[quads[poor]] = True

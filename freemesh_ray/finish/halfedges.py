@@ -24,14 +24,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import compiled, lean, lean_inlined
 from envs.types import Floats, Ints
 
 NONE = -1
-#: Elements around a vertex, at most.
+#: Elements around a vertex, at most, that a change may make.
 MOST = 8
+#: Given vertices with more elements are left alone, and so are those where the boundary meets itself: such a vertex
+#: is given this degree, which no change may alter.
+MOST_GIVEN, PINNED = 32, 1 << 20
+#: Entries of the log that one change makes, at most.
+LOG = 64
 # Entries of Halfedges.counts.
-QUADS, VERTICES, LOGGED, MOVED = range(4)
+QUADS, VERTICES, LOGGED, SIGNATURE = range(4)
 # What a log entry restores.
 _QUAD, _OPP, _OUT, _DEGREE, _COUNT = range(5)
 
@@ -44,12 +49,12 @@ class Halfedges(NamedTuple):
         quads: (M, 4) int64, corners, counter-clockwise; a dead element's first is NONE.
         opp: (4 M,) int64, the half-edge on the other side.
         out: (V,) int64, a half-edge that leaves the vertex; on the boundary the one that has it to its right.
-        degree: (V,) int64, elements around the vertex; 0 when it is dead.
+        degree: (V,) int64, elements around the vertex; 0 when it is dead, PINNED when it is left alone.
         ideal: (V,) float64, elements that would make right angles: 4 inside, the angle over pi/2 on the boundary.
         fixed: (V,) bool, on the boundary.
         log: (L, 3) int64, [array, index, former value] of every change since the last ``commit``.
-        moved: (L, 3) float64, [vertex, former x, former y] of every move since then.
-        counts: (4,) int64, [elements and vertices in use, dead ones included; entries of log and moved].
+        counts: (4,) int64, [elements and vertices in use, dead ones included; entries of the log; signature: a number
+            that is the same after the same changes in another order].
     """
 
     xy: Floats
@@ -60,66 +65,74 @@ class Halfedges(NamedTuple):
     ideal: Floats
     fixed: np.ndarray
     log: Ints
-    moved: Floats
     counts: Ints
 
 
-@inlined
+@lean_inlined
 def after(h: int) -> int:
     """The next half-edge of the same element."""
     return (h & ~3) | ((h + 1) & 3)
 
 
-@inlined
+@lean_inlined
 def before(h: int) -> int:
     """The previous half-edge of the same element."""
     return (h & ~3) | ((h + 3) & 3)
 
 
-@inlined
+@lean_inlined
 def origin(mesh: Halfedges, h: int) -> int:
     """The vertex that a half-edge leaves."""
     return mesh.quads[h >> 2, h & 3]
 
 
-@inlined
+@lean_inlined
 def around(mesh: Halfedges, h: int) -> int:
     """The next half-edge counter-clockwise that leaves the same vertex, NONE beyond the boundary."""
     return mesh.opp[before(h)]
 
 
-@inlined
+@lean_inlined
 def _note(mesh: Halfedges, array: int, index: int, value: int) -> None:
     at = mesh.counts[LOGGED]
     mesh.log[at, 0], mesh.log[at, 1], mesh.log[at, 2] = array, index, value
     mesh.counts[LOGGED] = at + 1
 
 
-@inlined
+@lean_inlined
 def _set_corner(mesh: Halfedges, h: int, vertex: int) -> None:
     _note(mesh, _QUAD, h, mesh.quads[h >> 2, h & 3])
     mesh.quads[h >> 2, h & 3] = vertex
 
 
-@inlined
+@lean_inlined
 def _set_opp(mesh: Halfedges, h: int, other: int) -> None:
     _note(mesh, _OPP, h, mesh.opp[h])
     mesh.opp[h] = other
 
 
-@inlined
+@lean_inlined
 def _set_out(mesh: Halfedges, vertex: int, h: int) -> None:
     _note(mesh, _OUT, vertex, mesh.out[vertex])
     mesh.out[vertex] = h
 
 
-@inlined
+@lean_inlined
+def _set_degree(mesh: Halfedges, vertex: int, degree: int) -> None:
+    """Set a degree, and keep the sum of degree times a scrambled vertex number up to date."""
+    scrambled = (vertex * 0x9E3779B1) & 0x7FFFFFFF
+    scrambled = ((scrambled ^ (scrambled >> 15)) * 0x45D9F3B) & 0x7FFFFFFF
+    mesh.counts[SIGNATURE] += (degree - mesh.degree[vertex]) * (scrambled ^ (scrambled >> 16))
+    mesh.degree[vertex] = degree
+
+
+@lean_inlined
 def _add_degree(mesh: Halfedges, vertex: int, change: int) -> None:
     _note(mesh, _DEGREE, vertex, mesh.degree[vertex])
-    mesh.degree[vertex] += change
+    _set_degree(mesh, vertex, mesh.degree[vertex] + change)
 
 
-@inlined
+@lean_inlined
 def _join(mesh: Halfedges, h: int, other: int) -> None:
     """Make two half-edges, one of which may be NONE, each other's opposite."""
     if h != NONE:
@@ -128,24 +141,15 @@ def _join(mesh: Halfedges, h: int, other: int) -> None:
         _set_opp(mesh, other, h)
 
 
-@inlined
-def move(mesh: Halfedges, vertex: int, x: float, y: float) -> None:
-    """Move a vertex."""
-    at = mesh.counts[MOVED]
-    mesh.moved[at, 0], mesh.moved[at, 1], mesh.moved[at, 2] = vertex, mesh.xy[vertex, 0], mesh.xy[vertex, 1]
-    mesh.counts[MOVED] = at + 1
-    mesh.xy[vertex, 0], mesh.xy[vertex, 1] = x, y
-
-
-@compiled
+@lean
 def commit(mesh: Halfedges) -> None:
     """Keep all changes."""
-    mesh.counts[LOGGED] = mesh.counts[MOVED] = 0
+    mesh.counts[LOGGED] = 0
 
 
-@compiled
-def undo(mesh: Halfedges, logged: int, moved: int) -> None:
-    """Take back all changes after these entries of the logs."""
+@lean
+def undo(mesh: Halfedges, logged: int) -> None:
+    """Take back all changes after so many entries of the log."""
     for at in range(mesh.counts[LOGGED] - 1, logged - 1, -1):
         array, index, value = mesh.log[at, 0], mesh.log[at, 1], mesh.log[at, 2]
         if array == _QUAD:
@@ -155,19 +159,15 @@ def undo(mesh: Halfedges, logged: int, moved: int) -> None:
         elif array == _OUT:
             mesh.out[index] = value
         elif array == _DEGREE:
-            mesh.degree[index] = value
+            _set_degree(mesh, index, value)
         else:
             mesh.counts[index] = value
     mesh.counts[LOGGED] = logged
-    for at in range(mesh.counts[MOVED] - 1, moved - 1, -1):
-        vertex = int(mesh.moved[at, 0])
-        mesh.xy[vertex, 0], mesh.xy[vertex, 1] = mesh.moved[at, 1], mesh.moved[at, 2]
-    mesh.counts[MOVED] = moved
 
 
-@inlined
+@lean_inlined
 def adjacent(mesh: Halfedges, u: int, w: int) -> bool:
-    """Whether an edge joins two vertices."""
+    """Whether an edge joins two vertices, of which the first is not pinned."""
     h = start = mesh.out[u]
     while True:
         if origin(mesh, after(h)) == w or origin(mesh, before(h)) == w:
@@ -177,7 +177,7 @@ def adjacent(mesh: Halfedges, u: int, w: int) -> bool:
             return False
 
 
-@compiled
+@lean
 def swap(mesh: Halfedges, h: int, side: int) -> None:
     """Turn the inner edge h in its hexagon: to the diagonal through the far end of ``after(h)`` (0) or the other (1).
 
@@ -214,23 +214,24 @@ def swap(mesh: Halfedges, h: int, side: int) -> None:
     _add_degree(mesh, corner[(begin + 3) % 6], 1)
 
 
-@compiled
-def collapse(mesh: Halfedges, h: int) -> int:
-    """Merge the origin of h with the opposite corner of its element, which vanishes; the vertex that stays.
+@lean_inlined
+def merging(mesh: Halfedges, a: int, c: int) -> tuple[int, int]:
+    """Which of two merging vertices stays, and which goes: never the one on the boundary."""
+    return (c, a) if mesh.fixed[c] or (c < a and not mesh.fixed[a]) else (a, c)
 
-    The one on the boundary stays where it is; two inner ones meet halfway.
-    """
+
+@lean
+def collapse(mesh: Halfedges, h: int) -> int:
+    """Merge the origin of h with the opposite corner of its element, which vanishes; the vertex that stays."""
     ab, bc, cd, da = h, after(h), after(after(h)), before(h)
     a, b, c, d = origin(mesh, ab), origin(mesh, bc), origin(mesh, cd), origin(mesh, da)
     ba, cb, dc, ad = mesh.opp[ab], mesh.opp[bc], mesh.opp[cd], mesh.opp[da]
-    stays, goes = (c, a) if mesh.fixed[c] else (a, c)
+    stays, goes = merging(mesh, a, c)
     spoke = mesh.out[goes]
     for _ in range(mesh.degree[goes]):
         following = around(mesh, spoke)
         _set_corner(mesh, spoke, stays)
         spoke = following
-    if not mesh.fixed[stays]:
-        move(mesh, stays, 0.5 * (mesh.xy[a, 0] + mesh.xy[c, 0]), 0.5 * (mesh.xy[a, 1] + mesh.xy[c, 1]))
     _set_corner(mesh, h & ~3, NONE)
     _join(mesh, ba, cb)
     _join(mesh, dc, ad)
@@ -249,7 +250,7 @@ def collapse(mesh: Halfedges, h: int) -> int:
     return stays
 
 
-@compiled
+@lean
 def split(mesh: Halfedges, h: int, k: int) -> int:
     """Open the vertex v that h leaves: the k elements from h on, counter-clockwise, move to a new vertex.
 
@@ -290,8 +291,6 @@ def split(mesh: Halfedges, h: int, k: int) -> int:
     _add_degree(mesh, r, 1)
     x, y = x - mesh.xy[v, 0], y - mesh.xy[v, 1]
     mesh.xy[new, 0], mesh.xy[new, 1] = mesh.xy[v, 0] + 0.3 * x, mesh.xy[v, 1] + 0.3 * y
-    if not mesh.fixed[v]:
-        move(mesh, v, mesh.xy[v, 0] - 0.15 * x, mesh.xy[v, 1] - 0.15 * y)
     return new
 
 
@@ -339,8 +338,7 @@ def build(vertices: Floats, quads: Ints, fixed: np.ndarray, room: float = 0.5) -
         degree=np.zeros(n + spare, dtype=np.int64),
         ideal=np.full(n + spare, 4.0),
         fixed=np.zeros(n + spare, dtype=np.bool_),
-        log=np.zeros((4096, 3), dtype=np.int64),
-        moved=np.zeros((16384, 3)),
+        log=np.zeros((16 * LOG, 3), dtype=np.int64),
         counts=np.array([m, n, 0, 0], dtype=np.int64),
     )
     mesh.xy[:n], mesh.quads[:m], mesh.fixed[:n] = vertices, quads, fixed
@@ -351,6 +349,8 @@ def build(vertices: Floats, quads: Ints, fixed: np.ndarray, room: float = 0.5) -
     turn = np.arctan2(ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0], (ahead * behind).sum(axis=-1))
     total = np.bincount(quads.ravel(), np.abs(turn).ravel(), minlength=n)
     mesh.ideal[:n][fixed] = np.maximum(1.0, total[fixed] / (0.5 * np.pi))
+    ends = np.bincount(quads.ravel()[mesh.opp[: 4 * m] == NONE], minlength=n)
+    mesh.degree[:n][(ends > 1) | (mesh.degree[:n] > MOST_GIVEN)] = PINNED
     return mesh
 
 

@@ -1,0 +1,96 @@
+"""The descent: its gradient is right, its cost never rises, and only the vertices that may move do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rough_meshes import grid, rough
+
+from envs.mesh import Mesh
+from envs.quality import element_quality
+from envs.types import Floats, Ints
+from freemesh_ray.finish.optimiser import STEEP, WEAK, WEIGHT, cost, descend, descent
+
+
+def arranged(mesh: Mesh) -> tuple[Floats, Ints, int]:
+    """Positions with the interior vertices first, quads, and how many interior vertices there are."""
+    order = np.argsort(mesh.on_boundary, kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return mesh.vertices[order], place[mesh.quads], int((~mesh.on_boundary).sum())
+
+
+def value(xy: Floats, quads: Ints, sharp: bool) -> float:
+    return float(cost(xy, quads, sharp, np.empty_like(xy), descent(1).lanes))
+
+
+@pytest.mark.parametrize("sharp", [False, True])
+def test_gradient_agrees_with_central_differences(sharp: bool) -> None:
+    xy, quads, _ = arranged(rough("ring", 5))
+    gradient = np.empty_like(xy)
+    cost(xy, quads, sharp, gradient, descent(1).lanes)
+    step = 1e-5
+    for v, axis in [(0, 0), (1, 1), (7, 0), (len(xy) - 1, 1), (len(xy) // 2, 0)]:
+        ends = []
+        for sign in (1.0, -1.0):
+            there = xy.copy()
+            there[v, axis] += sign * step
+            ends.append(value(there, quads, sharp))
+        # Half a unit in the eighth digit of the inverse tangent is what differences of so small steps show.
+        assert (ends[0] - ends[1]) / (2.0 * step) == pytest.approx(gradient[v, axis], rel=1e-2, abs=5e-2)
+
+
+@pytest.mark.parametrize(("sharp", "close"), [(False, 0.12), (True, 0.03)])
+def test_the_stand_in_is_close_to_the_quality(sharp: bool, close: float) -> None:
+    xy, quads, _ = arranged(rough("L", 2))
+    eta = element_quality(xy, quads)
+    gap = np.maximum(0.0, WEAK - eta)
+    exact = 1.0 - eta + WEIGHT * gap**2 + STEEP * gap**4
+    found = np.array([value(xy, quads[i : i + 1], sharp) for i in range(len(quads))])
+    assert (found <= exact + 1e-7).all()
+    slope = 1.0 + 2.0 * WEIGHT * gap + 4.0 * STEEP * gap**3
+    assert (exact - found <= close * slope).all()
+
+
+def test_the_cost_of_many_elements_is_the_sum_over_them() -> None:
+    xy, quads, _ = arranged(grid("square"))
+    for count in (1, 7, 8, 9, len(quads)):
+        alone = sum(value(xy, quads[i : i + 1], False) for i in range(count))
+        assert value(xy, quads[:count], False) == pytest.approx(alone, rel=1e-12)
+    many = np.concatenate([quads] * 4)
+    assert len(many) > 128
+    assert value(xy, many, False) == pytest.approx(4.0 * value(xy, quads, False), rel=1e-12)
+
+
+@pytest.mark.parametrize("sharp", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_cost_never_rises_and_the_rest_stays(sharp: bool, seed: int) -> None:
+    xy, quads, free = arranged(rough("square", seed))
+    moved, before, costs = xy.copy(), value(xy, quads, sharp), []
+    for steps in (0, 1, 2, 5, 40):
+        moved = xy.copy()
+        reached = descend(moved, quads, free, sharp, steps, 0.0, descent(len(xy)))
+        assert reached == pytest.approx(value(moved, quads, sharp), rel=1e-12)
+        costs.append(reached)
+    assert costs[0] == before
+    assert (np.diff(costs) <= 0.0).all()
+    assert costs[-1] < before
+    np.testing.assert_array_equal(moved[free:], xy[free:])
+
+
+def test_a_shaken_grid_becomes_squares_again() -> None:
+    xy, quads, free = arranged(grid("square"))
+    assert element_quality(xy, quads).mean() < 0.8
+    descend(xy, quads, free, False, 200, 0.0, descent(len(xy)))
+    assert element_quality(xy, quads).min() > 0.97
+
+
+def test_nothing_moves_without_free_vertices_or_where_elements_are_degenerate() -> None:
+    xy, quads, free = arranged(grid("cell"))
+    assert free == 0
+    assert descend(xy, quads, free, False, 10, 0.0, descent(4)) == pytest.approx(0.0, abs=1e-6)
+    xy, quads, free = arranged(grid("square"))
+    xy[0] = xy[quads[(quads == 0).any(axis=1)][0][(np.flatnonzero(quads[(quads == 0).any(axis=1)][0] == 0)[0] + 1) % 4]]
+    start = xy.copy()
+    assert descend(xy, quads, free, False, 10, 0.0, descent(len(xy))) == np.inf
+    np.testing.assert_array_equal(xy, start)
