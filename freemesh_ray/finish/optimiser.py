@@ -147,7 +147,9 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         soft = math.sqrt(0.125 * lengths * diagonals) * (0.0625 * lows * highs)
         eta = math.sqrt(math.sqrt(2.0 * least2 * per_longest2) * low * per_high / root(soft, sharp))
         gap = max(0.0, WEAK - eta)
-        lanes[_COST, i] = 1.0 - eta + gap * gap * (WEIGHT + STEEP * gap * gap) if least2 > 0.0 and low > 0.0 else math.inf
+        lanes[_COST, i] = (
+            1.0 - eta + gap * gap * (WEIGHT + STEEP * gap * gap) if least2 > 0.0 and low > 0.0 else math.inf
+        )
         slope = 0.5 * eta * (1.0 + gap * (2.0 * WEIGHT + 4.0 * STEEP * gap * gap))
         # The derivative by each squared length and angle, over twice its gradient's length.
         s = -slope / lengths
