@@ -2,7 +2,8 @@
 
 eta is made of least and largest lengths and angles. Moving one vertex at a time gets stuck where two of them are equal;
 moving all of them along a smooth function does not. The stand-in has the same form with the least and largest of four
-numbers replaced by their means of order -P and P (with P = 16 the largest exceeds its stand-in by 9 % at most, with 64 by 2 %):
+numbers replaced by their means of order -P and P (with P = 16 the largest exceeds its stand-in by 9 % at most, with
+64 by 2 %):
 
     min(x)  ->  (mean x^-P)^(-1/P)         max(x)  ->  (mean x^P)^(1/P)
 
