@@ -148,9 +148,9 @@ def _collapses(mesh: Halfedges, patch: Patch, h: int, total: float, options: Flo
 
 @lean_inlined
 def _splits(mesh: Halfedges, patch: Patch, h: int, total: float, options: Floats, count: int) -> int:
-    """Offer the splits that begin with a half-edge, with two elements at least on either side."""
-    degree = mesh.degree[origin(mesh, h)]
-    for k in range(2, min(degree - 1, MOST)):
+    """Offer the splits that begin with a half-edge, if there is one, with two elements at least on either side."""
+    most = min(mesh.degree[origin(mesh, h)] - 2, MOST - 1) if h != NONE else 0
+    for k in range(2, most + 1):
         cost = split_cost(mesh, patch, h, k, options[-1, TOTAL] - total)
         count = offer(options, count, total + cost, SPLIT, h, k) if cost < math.inf else count
     return count
@@ -173,22 +173,15 @@ def list_options(mesh: Halfedges, patch: Patch, hot: Ints, total: float, limit: 
     for v in hot:
         if mesh.degree[v] in (0, PINNED) or irregularity(mesh, v) == 0.0:
             continue
-        off = mesh.degree[v] - mesh.ideal[v]
+        too_many = mesh.degree[v] > mesh.ideal[v]
         spoke = mesh.out[v]
         for _ in range(mesh.degree[v]):
             ahead = after(spoke)
-            if off > 0.0:
-                count = _swaps(mesh, patch, spoke, 0, total, options, count)
-                count = _swaps(mesh, patch, spoke, 1, total, options, count)
-                count = _collapses(mesh, patch, ahead, total, options, count)
-                count = _splits(mesh, patch, spoke, total, options, count)
-            else:
-                count = _swaps(mesh, patch, ahead, 1, total, options, count)
-                count = _swaps(mesh, patch, after(ahead), 0, total, options, count)
-                count = _collapses(mesh, patch, spoke, total, options, count)
-                back = mesh.opp[spoke]
-                if back != NONE:
-                    count = _splits(mesh, patch, back, total, options, count)
+            for side in range(2):
+                edge = spoke if too_many else (ahead if side == 1 else after(ahead))
+                count = _swaps(mesh, patch, edge, side, total, options, count)
+            count = _collapses(mesh, patch, ahead if too_many else spoke, total, options, count)
+            count = _splits(mesh, patch, spoke if too_many else mesh.opp[spoke], total, options, count)
             spoke = around(mesh, spoke)
     return count
 

@@ -24,6 +24,7 @@ from freemesh_ray.finish.patch import (
     newest,
     note,
     patch_of,
+    price,
     rate,
     settle,
     size,
@@ -42,9 +43,9 @@ DEPTH, WIDTH = 2, 20
 SLACK, GOAL = 4.2, 0.2
 #: Sequences tried out around one vertex, and those of them settled, at most.
 TRIALS, SETTLED = 60, 10
-#: Steps of the first descent, after which a patch is given up that costs more than before by this; and of the second.
-FIRST_STEPS, MARGIN, STEPS = 3, 0.4, 20
-#: The second descent ends when a step lowers the cost by less than this share.
+#: Steps of the first descent, after which a patch is given up that costs too much by more than this; of the second.
+STEPS, MARGIN = (3, 20), 0.4
+#: A descent ends when a step lowers the cost by less than this share.
 LEAST_FALL = 1e-3
 #: What the cost of a patch must fall by, and the part of that for each unit of irregularity that vanishes.
 GAIN, WORTH = 0.02, 0.2
@@ -96,9 +97,13 @@ def try_out(mesh: Halfedges, patch: Patch, vertices: int, quads: int, level: flo
     copy(mesh, patch, vertices, quads)
     spread(patch)
     limit += level * size(patch)
-    if not settle(patch, FIRST_STEPS, 0.0) < limit + MARGIN:
-        return _GIVEN_UP
-    return _GOOD if settle(patch, STEPS, LEAST_FALL) < limit and rate(patch) >= guard else _POOR
+    outcome = _GIVEN_UP
+    for steps in STEPS:
+        cost = settle(patch, steps, LEAST_FALL)
+        if outcome == _GIVEN_UP and not cost < limit + MARGIN:
+            return _GIVEN_UP
+        outcome = _GOOD if cost < limit and rate(patch) >= guard else _POOR
+    return outcome
 
 
 @lean
@@ -118,7 +123,7 @@ def improve(mesh: Halfedges, search: Search, seed: int, level: float) -> bool:
     commit(mesh)
     vertices, quads = mesh.counts[VERTICES], mesh.counts[QUADS]
     copy(mesh, patch, vertices, quads)
-    limit = settle(patch, 0, 0.0) - level * size(patch) - GAIN
+    limit = price(patch) - level * size(patch) - GAIN
     guard = min(rate(patch), FLOOR)
     logged, hot, count, at = search.stack[_LOGGED], search.stack[_HOT], search.stack[_COUNT], search.stack[_AT]
     search.hot[0], search.seen[0], seen = seed, mesh.counts[SIGNATURE], 1
@@ -165,11 +170,10 @@ def improve(mesh: Halfedges, search: Search, seed: int, level: float) -> bool:
 def search_all(mesh: Halfedges, search: Search, level: float) -> None:
     """Go over all irregular vertices, again and again, until nothing more is kept."""
     for _ in range(PASSES):
-        before, v = search.kept[0], 0
-        while v < mesh.counts[VERTICES]:
+        before = search.kept[0]
+        for v in range(len(mesh.degree)):
             if mesh.degree[v] not in (0, PINNED) and irregularity(mesh, v) > 0.0:
                 improve(mesh, search, v, level)
-            v += 1
         if search.kept[0] == before:
             break
 

@@ -14,7 +14,7 @@ from envs.kernels.compiled import lean, lean_inlined
 from envs.quality import eta_or_bent
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, after, around, before, origin
-from freemesh_ray.finish.optimiser import Descent, descend, descent
+from freemesh_ray.finish.optimiser import Descent, cost, descend, descent
 
 RINGS = 3
 #: Vertices that may move, and elements, at most; further ones belong to the rim, or outside.
@@ -176,7 +176,14 @@ def spread(patch: Patch) -> None:
             xy[v, 0], xy[v, 1] = total[v, 0] / total[v, 2], total[v, 1] / total[v, 2]
 
 
-@lean_inlined
+@lean
+def price(patch: Patch) -> float:
+    """The cost of the elements of the copy."""
+    n, m = patch.counts[_VERTICES], patch.counts[_QUADS]
+    return cost(patch.xy[:n], patch.quads[:m], False, patch.descent.raw[:n], patch.descent.lanes)
+
+
+@lean
 def settle(patch: Patch, steps: int, least_fall: float) -> float:
     """Move the vertices of the copy to where they are best; the cost of its elements."""
     n, m = patch.counts[_VERTICES], patch.counts[_QUADS]
