@@ -122,7 +122,7 @@ def test_the_same_changes_in_another_order_have_the_same_signature() -> None:
     signatures, meshes = [], []
     for order in ((0, 1), (1, 0)):
         work = halfedges(grid("square", shake=0.0))
-        inner = np.flatnonzero((work.opp[: 4 * work.counts[QUADS]] != NONE))
+        inner = np.flatnonzero(work.opp[: 4 * work.counts[QUADS]] != NONE)
         first, far = inner[0], inner[-1]
         for i in order:
             swap(work, (first, far)[i], 0)

@@ -157,9 +157,7 @@ def _splits(mesh: Halfedges, patch: Patch, h: int, total: float, options: Floats
 
 
 @lean
-def list_options(
-    mesh: Halfedges, patch: Patch, hot: Ints, total: float, limit: float, options: Floats
-) -> int:
+def list_options(mesh: Halfedges, patch: Patch, hot: Ints, total: float, limit: float, options: Floats) -> int:
     """Fill the options with the changes that may help a hot vertex; how many there are.
 
     Args:
