@@ -2,8 +2,8 @@
 
 eta is made of least and largest lengths and angles. Moving one vertex at a time gets stuck where two of them are equal;
 moving all of them along a smooth function does not. The stand-in has the same form with the least and largest of four
-numbers replaced by their means of order -P and P (with P = 16 the largest exceeds its stand-in by 9 % at most, with
-64 by 2 %):
+numbers replaced by their means of order -P and P; the largest exceeds its stand-in by 4^(1/P) at most, which is 9 % for
+P = 16, and 2 % for P = 64, the sharp stand-in:
 
     min(x)  ->  (mean x^-P)^(-1/P)         max(x)  ->  (mean x^P)^(1/P)
 
@@ -25,7 +25,7 @@ import numpy as np
 from envs.kernels.compiled import lean, lean_fused, lean_inlined
 from envs.types import Floats, Ints
 
-#: Below this an element counts as poor, and how much.
+#: An element counts as poor below this, and how much it does.
 WEAK, WEIGHT, STEEP = 0.8, 4.0, 30.0
 #: Steps remembered.
 HISTORY = 5
@@ -148,9 +148,8 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         soft = math.sqrt(0.125 * lengths * diagonals) * (0.0625 * lows * highs)
         eta = math.sqrt(math.sqrt(2.0 * least2 * per_longest2) * low * per_high / root(soft, sharp))
         gap = max(0.0, WEAK - eta)
-        lanes[_COST, i] = (
-            1.0 - eta + gap * gap * (WEIGHT + STEEP * gap * gap) if least2 > 0.0 and low > 0.0 else math.inf
-        )
+        value = 1.0 - eta + gap * gap * (WEIGHT + STEEP * gap * gap)
+        lanes[_COST, i] = value if least2 > 0.0 and low > 0.0 else math.inf
         slope = 0.5 * eta * (1.0 + gap * (2.0 * WEIGHT + 4.0 * STEEP * gap * gap))
         # The derivative by each squared length and angle, over twice its gradient's length.
         s = -slope / lengths
