@@ -10,7 +10,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from envs.mesh import Mesh, sides
@@ -102,6 +102,7 @@ def test_nastran_keeps_as_many_digits_as_its_fields_hold(tmp_path: Path, scale: 
 
 
 @given(st.floats(-LARGEST_COORDINATE, LARGEST_COORDINATE))
+@example(-10000000000001.0)
 def test_a_nastran_number_fits_its_field_and_is_as_near_as_it_can_be(value: float):
     text, size = real(value), abs(value)
     assert len(text) <= 16

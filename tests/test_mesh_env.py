@@ -169,7 +169,7 @@ def test_render(render_mode: str | None, steps: int) -> None:
         ({"observation": "O4"}, "observation = 'O4': use one of O1, O2, O3"),
         ({"radius": "R0"}, "radius = 'R0': use one of R1, R2, R3"),
         ({"n": 0}, r"MeshingParameters.n = 0: must lie in \[1, 8\]"),
-        ({"density": "dense"}, "density = 'dense': use 'continuous' or 'printed'"),
+        ({"density": "dense"}, "density = 'dense': use one of continuous, printed, local"),
         ({"beta": float("nan")}, "MeshingParameters.beta = nan"),
         ({"max_elements": 0}, "max_elements = 0: must be at least 1"),
         ({"render_mode": "human"}, "render_mode = 'human': use 'rgb_array' or None"),

@@ -79,6 +79,7 @@ def _decimals(value: float) -> Iterator[str]:
     for digits in range(LARGE, 0, -1):
         text = f"{value:.{digits}f}"
         yield text.replace("0.", ".", 1) if abs(value) < 1 else text
+    yield f"{value:.0f}."
 
 
 def _exponentials(value: float) -> Iterator[str]:
