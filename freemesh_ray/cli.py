@@ -21,6 +21,9 @@ INTERRUPTED = 130
 BAD_INPUT = 2
 FAILED = 1
 
+#: A mean element quality below this deserves a word on the boundary.
+POOR = 0.5
+
 DESCRIPTION = """\
 Reinforcement learning that meshes: an agent cuts one quadrilateral after another off the boundary of a 2-D domain
 until nothing is left. All quads, the boundary kept exactly.
@@ -261,6 +264,12 @@ def mesh(options: argparse.Namespace) -> int:
         for path in paths:
             made.write(path, version=options.msh_version, quadratic=options.quadratic)
         print(mesh_line(made, paths))
+        if options.edge_length is None and made.quality()["eta"] < POOR:
+            print(
+                f"{domain.name}: the {len(domain.segments)} boundary segments are coarse or uneven; "
+                "--edge-length L splits them evenly",
+                file=sys.stderr,
+            )
     return 0
 
 

@@ -146,6 +146,14 @@ def test_the_shipped_policy_meshes_a_bare_outline(capsys: pytest.CaptureFixture[
     assert "irregular nodes -> a.inp, a.html, a.png" in capsys.readouterr().out
 
 
+def test_a_coarse_outline_is_told_what_helps(capsys: pytest.CaptureFixture[str]) -> None:
+    path = polygon([[0, 0], [40, 0], [40, 10], [30, 10], [30, 25], [0, 25]])
+    assert cli.main(["mesh", path, "-o", "o.obj"]) == 0
+    assert "6 boundary segments are coarse or uneven; --edge-length" in capsys.readouterr().err
+    assert cli.main(["mesh", path, "-o", "o.obj", "--edge-length", "2"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_every_polygon_of_a_file_gets_its_own_mesh(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
     rings = [[[x + dx, y] for x, y in [*SQUARE, SQUARE[0]]] for dx in (0, 5)]
     Path("two.geojson").write_text(json.dumps({"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}))
