@@ -23,7 +23,7 @@ import numpy as np
 
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined
-from envs.kernels.geometry import TWO_PI, angle
+from envs.kernels.geometry import angle
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
 # Entries of Front.counts.
@@ -264,12 +264,6 @@ def refresh_keys(front: Front, start: int, end: int, n_rv: int) -> None:
     for _ in range(min(stretch, front.counts[RING])):
         slot_tree.set_key(front.key, slot, mean_angle(front, slot, n_rv))
         slot = front.nxt[slot]
-
-
-@inlined
-def defer(front: Front, slot: int) -> None:
-    """Let the other vertices go first, until the front changes near this one."""
-    slot_tree.set_key(front.key, slot, front.key[(len(front.key) >> 1) + slot] + TWO_PI)
 
 
 @inlined

@@ -87,6 +87,23 @@ def eta_or_bent(
 
 
 @compiled
+def _convex_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
+    for i in range(len(quads)):
+        ax, ay = vertices[quads[i, 0]]
+        bx, by = vertices[quads[i, 1]]
+        cx, cy = vertices[quads[i, 2]]
+        dx, dy = vertices[quads[i, 3]]
+        out[i] = eta_or_bent(ax, ay, bx, by, cx, cy, dx, dy)
+
+
+def convex_quality(vertices: Floats, quads: Ints) -> Floats:
+    """eta_e of every strictly convex counter-clockwise element, -1 of the others; as ``element_quality``."""
+    out = np.empty(len(quads))
+    _convex_quality(np.ascontiguousarray(vertices, dtype=np.float64), np.asarray(quads, dtype=np.int64), out)
+    return out
+
+
+@compiled
 def _element_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
     for i in range(len(quads)):
         ax, ay = vertices[quads[i, 0]]

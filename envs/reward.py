@@ -1,8 +1,8 @@
-"""The reward's named terms (paper, section "Reward function").
+"""The reward's named terms (paper, section "Reward function") and the two constants beside them.
 
 r = -0.1                    invalid action
-    10                      the element that completes the mesh (MeshingParameters.last_reward)
-    eta_e + eta_b + mu      otherwise; of ours, with weights that are 0 by default, the term nu and a cost a step
+    10                      the element that completes the mesh
+    eta_e + eta_b + mu      otherwise; of ours, with a weight that is 0 by default, the term nu
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from envs.kernels.compiled import inlined
 from envs.quality import eta_from_angles
 
 INVALID_REWARD = -0.1
+LAST_REWARD = 10.0
 
 
 @inlined

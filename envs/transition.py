@@ -19,7 +19,6 @@ from envs.front import (
     Front,
     advance,
     close,
-    defer,
     reference_slot,
     restart,
     row,
@@ -27,7 +26,7 @@ from envs.front import (
 from envs.kernels.compiled import compiled, inlined
 from envs.observation import observe
 from envs.quality import eta_from_angles, inner_angles
-from envs.reward import INVALID_REWARD, element_area, eta_b, eta_e, mu, mu_local, nu
+from envs.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu, mu_local, nu
 from envs.types import DENSITIES, Floats, Ints, MeshingParameters
 
 #: Indices into DENSITIES.
@@ -47,9 +46,6 @@ class Numbers(NamedTuple):
     upsilon: float
     extended: bool
     irregular: float
-    step_cost: float
-    last_reward: float
-    patience: int
     type2: bool
     max_invalid: int
 
@@ -81,7 +77,7 @@ def numbers(parameters: MeshingParameters) -> Numbers:
     return Numbers(
         int(p.n), int(p.g), float(p.beta), int(p.n_rv), float(p.alpha), float(p.M_angle),
         DENSITIES.index(p.density), float(p.upsilon), bool(p.extended), float(p.irregular),
-        float(p.step_cost), float(p.last_reward), int(p.patience), bool(p.type2), int(p.max_invalid),
+        bool(p.type2), int(p.max_invalid),
     )  # fmt: skip
 
 
@@ -156,9 +152,6 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
         front.counts[INVALID] += 1
         out.reward[i] = INVALID_REWARD
         out.truncated[i] = front.counts[INVALID] >= numbers.max_invalid
-        if numbers.patience > 0 and front.counts[INVALID] % numbers.patience == 0:
-            defer(front, reference)
-            look(front, numbers, out.observation[i])
     else:
         front.counts[INVALID] = 0
         quality, boundary, density, irregularity = terms(front, cut, numbers)
@@ -167,13 +160,13 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
         if front.counts[RING] == 4:
             front.measure[ETA_SUM] += ring_quality(front)
             close(front)
-            out.reward[i] = numbers.last_reward
+            out.reward[i] = LAST_REWARD
             out.terminated[i] = True
             out.truncated[i] = False
         else:
             out.terms[i, 0], out.terms[i, 1] = quality, boundary
             out.terms[i, 2], out.terms[i, 3] = density, irregularity
-            out.reward[i] = quality + boundary + density + irregularity - numbers.step_cost
+            out.reward[i] = quality + boundary + density + irregularity
             out.truncated[i] = front.counts[ELEMENTS] >= cap
             look(front, numbers, out.observation[i])
     front.measure[RETURN] += out.reward[i]

@@ -86,10 +86,6 @@ class MeshingParameters:
         extended: whether the observation also tells how many elements V_0 and its 2 n neighbours lack to be regular,
             and how L compares with the edge length wanted there (ours, not the paper's).
         irregular: weight of the reward's term for irregular vertices (ours, not the paper's), in [0, 10].
-        step_cost: taken from every element's reward (ours, not the paper's), in [0, 2]: with a discount it keeps the
-            value of going on near that of being finished, whatever the number of elements.
-        last_reward: reward of the element that completes the mesh.
-        patience: invalid actions in a row after which the next vertex gets its turn (ours); 0: never, as in the paper.
         type2: whether actions may add two vertices (Box of 5 in place of 3).
         max_invalid: invalid actions in a row before truncation.
         max_elements: elements before truncation; None: four times the domain's area in mean-length squares, plus n.
@@ -106,9 +102,6 @@ class MeshingParameters:
     M_angle: float = np.pi / 3
     extended: bool = False
     irregular: float = 0.0
-    step_cost: float = 0.0
-    last_reward: float = 10.0
-    patience: int = 0
     type2: bool = False
     max_invalid: int = 100
     max_elements: int | None = None
@@ -117,11 +110,10 @@ class MeshingParameters:
         for name, low, high in (
             ("n", 1, 8), ("g", 1, 16), ("n_rv", 1, 8), ("beta", 1e-3, 1e3), ("alpha", 1e-3, 1e3),
             ("upsilon", 1e-9, 10.0), ("kappa", 1e-9, 1e9), ("M_angle", 1e-9, np.pi), ("irregular", 0.0, 10.0),
-            ("step_cost", 0.0, 2.0), ("last_reward", 0.0, 1e3), ("patience", 0, 10**9),
             ("max_invalid", 1, 10**9),
         ):  # fmt: skip
             value = getattr(self, name)
-            if name in ("n", "g", "n_rv", "max_invalid", "patience") and int(value) != value:
+            if name in ("n", "g", "n_rv", "max_invalid") and int(value) != value:
                 raise ValueError(f"MeshingParameters.{name} = {value!r}: must be a whole number")
             if not low <= value <= high:
                 raise ValueError(f"MeshingParameters.{name} = {value!r}: must lie in [{low}, {high}]")

@@ -263,8 +263,9 @@ def mesh(options: argparse.Namespace) -> int:
         paths = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
         for path in paths:
             made.write(path, version=options.msh_version, quadratic=options.quadratic)
-        print(mesh_line(made, paths))
-        if options.edge_length is None and made.quality()["eta"] < POOR:
+        figures = made.quality()
+        print(mesh_line(made, figures, paths))
+        if options.edge_length is None and figures["eta"] < POOR:
             print(
                 f"{domain.name}: the {len(domain.segments)} boundary segments are coarse or uneven; "
                 "--edge-length L splits them evenly",

@@ -145,9 +145,9 @@ def sharpest_corner(domain: Domain) -> float:
     return float(np.degrees(turn % (2 * np.pi)).min())
 
 
-def mesh_line(mesh: Mesh, outputs: Sequence[Path]) -> str:
-    """A line on a mesh that was written, and one on what recovery it needed, if any."""
-    figures, made = mesh.quality(), mesh.made
+def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> str:
+    """A line on a mesh that was written, with its ``quality()``, and one on what recovery it needed, if any."""
+    made = mesh.made
     line = (
         f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
         f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "

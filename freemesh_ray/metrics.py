@@ -79,7 +79,7 @@ def irregular(mesh: PlaneMesh) -> Ints:
     Interior is what elements surround: of an incomplete mesh, vertices on the front are not judged yet.
     """
     edges, counts = mesh.edges
-    valence = mesh.valence
+    valence = np.bincount(edges.ravel(), minlength=len(mesh.vertices))
     inside = valence > 0
     inside[edges[counts == 1].ravel()] = False
     return np.flatnonzero(inside & (valence != 4))

@@ -10,7 +10,7 @@ from play import turns
 
 from envs.domain import load
 from envs.front import AREA, ELEMENTS, GIVEN, POINTS, REGULAR, reference_slot, sizes, wanted
-from envs.mesh_env import MeshEnv, spaces_of
+from envs.mesh_env import spaces_of
 from envs.observation import names
 from envs.types import MeshingParameters
 
@@ -104,25 +104,3 @@ def test_the_local_density_pays_for_the_area_that_the_sizes_around_want(name: st
         cut_area = before.measure[AREA] - after.measure[AREA]
         expected = -min(1.0, np.log2(cut_area / (0.8 * before.size[chain].mean() ** 2)) ** 2)
         assert turn.episodes.out.terms[turn.chosen, 2] == pytest.approx(expected, abs=1e-6)
-
-
-def test_the_cost_of_a_step_and_the_last_reward_are_as_set() -> None:
-    for turn in turns(load("T1"), 7, limit=400, step_cost=0.4, last_reward=3.0):
-        out = turn.episodes.out
-        for i in np.flatnonzero(out.rejection == 0):
-            expected = 3.0 if out.terminated[i] else out.terms[i].sum() - 0.4
-            assert out.reward[i] == pytest.approx(expected)
-
-
-def test_after_some_invalid_actions_the_next_vertex_has_its_turn() -> None:
-    """A type 0 on the corner of a convex front is invalid: with patience every vertex is asked in turn."""
-    env = MeshEnv("D1", patience=2)
-    env.reset(seed=0)
-    front = env.episodes.front(0)
-    invalid = np.array([0.0, -1.0, 0.0])  # a new vertex at V_0 itself
-    asked = []
-    for _ in range(12):
-        asked.append(int(reference_slot(front)))
-        assert env.step(invalid)[4]["rejection"]
-    assert asked[::2] == asked[1::2]
-    assert len(set(asked)) == 6

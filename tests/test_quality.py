@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.quality import angles_valid, element_quality, inner_angles
+from envs.quality import angles_valid, convex_quality, element_quality, inner_angles
 from envs.types import MAX_ELEMENT_ANGLE, MIN_ELEMENT_ANGLE, Floats
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -89,3 +89,21 @@ def test_only_one_order_of_the_corners_is_valid(corners: Floats) -> None:
     assert valid(corners) == valid(np.roll(corners, 1, axis=0))
     assert not valid(corners[::-1])
     assert not valid(corners[[0, 2, 1, 3]])
+
+
+def test_convex_quality_is_eta_where_there_is_one() -> None:
+    """Of random quadrilaterals: eta for those that shapely finds convex and counter-clockwise, -1 for the others."""
+    rng = np.random.default_rng(5)
+    vertices = rng.uniform(-1.0, 1.0, (4 * 400, 2))
+    quads = np.arange(len(vertices)).reshape(-1, 4)
+    found, plain = convex_quality(vertices, quads), element_quality(vertices, quads)
+    rings = [shapely.LinearRing(vertices[quad]) for quad in quads]
+    fine = np.array(
+        [
+            r.is_simple and r.is_ccw and shapely.Polygon(r).convex_hull.area <= shapely.Polygon(r).area * (1 + 1e-12)
+            for r in rings
+        ]
+    )
+    assert 20 < fine.sum() < 380
+    np.testing.assert_array_equal(found[~fine], -1.0)
+    np.testing.assert_allclose(found[fine], plain[fine], rtol=1e-12)

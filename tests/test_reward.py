@@ -13,7 +13,7 @@ from envs.domain import from_rings, load
 from envs.episodes import Episodes
 from envs.front import A_MAX, A_MIN, AREA, ELEMENTS, ETA_SUM, area_bounds
 from envs.quality import element_quality
-from envs.reward import INVALID_REWARD, element_area, eta_b, eta_e, mu
+from envs.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu
 from envs.types import MeshingParameters
 
 SIXTY = np.pi / 3
@@ -118,7 +118,7 @@ def test_the_terms_add_up_to_the_reward(name: str, density: str) -> None:
             if out.rejection[i] != ACCEPTED:
                 assert (out.reward[i], out.terms[i].any()) == (INVALID_REWARD, False)
             elif out.terminated[i]:
-                assert (out.reward[i], out.terms[i].any()) == (10.0, False)
+                assert (out.reward[i], out.terms[i].any()) == (LAST_REWARD, False)
             else:
                 assert out.reward[i] == pytest.approx(out.terms[i].sum(), abs=1e-12)
                 assert_terms(turn.before.measure, turn.episodes, i, density)
@@ -137,4 +137,4 @@ def assert_terms(before: np.ndarray, episodes: Episodes, i: int, density: str) -
 
 
 def test_the_two_constants() -> None:
-    assert (INVALID_REWARD, MeshingParameters().last_reward) == (-0.1, 10.0)
+    assert (INVALID_REWARD, LAST_REWARD) == (-0.1, 10.0)

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from envs.mesh import Mesh
-from envs.quality import element_quality
-from envs.types import Floats, Ints
+from envs.quality import convex_quality
 from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
 from freemesh_ray.finish.optimiser import descend, descent
+from freemesh_ray.metrics import irregular
 
 #: Steps of all vertices at once: before the clean-up; after it; and then with the sharp stand-in.
 FIRST_STEPS, STEPS, SHARP_STEPS = 30, 60, 60
@@ -50,9 +50,7 @@ def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
         smooth: move interior vertices.
         clean: change the connectivity where that makes elements better; interior vertices nearby move with it.
     """
-    given = np.zeros(len(mesh.vertices), dtype=np.bool_)
-    given[mesh.segments.ravel()] = True
-    work = build(mesh.vertices, mesh.quads, given)
+    work = build(mesh.vertices, mesh.quads, mesh.on_boundary)
     if smooth:
         relax(work, False, FIRST_STEPS)
     sequences = clean_up(work) if clean else 0
@@ -68,15 +66,9 @@ def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
 
 def no_worse(before: Mesh, after: Mesh) -> bool:
     """Whether a finished mesh is as good as promised."""
-    old, new = qualities(before.vertices, before.quads), qualities(after.vertices, after.quads)
+    old, new = convex_quality(before.vertices, before.quads), convex_quality(after.vertices, after.quads)
     fine = bool(new.mean() >= old.mean() and new.min() >= min(float(old.min()), FLOOR))
-    return fine and irregular(after) <= irregular(before)
-
-
-def irregular(mesh: Mesh) -> int:
-    """Interior vertices with other than four elements."""
-    around = np.bincount(mesh.quads.ravel(), minlength=len(mesh.vertices))
-    return int(((around != 4) & (around > 0) & ~mesh.on_boundary).sum())
+    return fine and len(irregular(after)) <= len(irregular(before))
 
 
 def relax(work: Halfedges, sharp: bool, steps: int) -> None:
@@ -84,7 +76,7 @@ def relax(work: Halfedges, sharp: bool, steps: int) -> None:
     count, quads = work.counts[VERTICES], work.quads[: work.counts[QUADS]]
     quads = quads[quads[:, 0] != NONE]
     start = work.xy[:count].copy()
-    limit = min(float(qualities(start, quads).min()), FLOOR)
+    limit = min(float(convex_quality(start, quads).min()), FLOOR)
     free = ~work.fixed[:count] & (work.degree[:count] > 0)
     memory = descent(count)
     for _ in range(HOLDS):
@@ -93,7 +85,7 @@ def relax(work: Halfedges, sharp: bool, steps: int) -> None:
         place[order] = np.arange(count)
         moved, corners = start[order], place[quads]
         descend(moved, corners, int(free.sum()), sharp, steps, LEAST_FALL, memory)
-        poor = qualities(moved, corners) < limit
+        poor = convex_quality(moved, corners) < limit
         if not poor.any():
             work.xy[order] = moved
             return
@@ -101,11 +93,3 @@ def relax(work: Halfedges, sharp: bool, steps: int) -> None:
         held[quads[poor]] = True
         held[quads[held[quads].any(axis=1)]] = True
         free &= ~held
-
-
-def qualities(vertices: Floats, quads: Ints) -> Floats:
-    """(m,) float64: eta_e, -1 of elements that are not strictly convex."""
-    corner = vertices[quads]
-    ahead, behind = np.roll(corner, -1, axis=1) - corner, np.roll(corner, 1, axis=1) - corner
-    bent = (ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0] <= 0.0).any(axis=1)
-    return np.where(bent, -1.0, element_quality(vertices, quads))

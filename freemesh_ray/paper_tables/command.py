@@ -39,7 +39,7 @@ def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) ->
     paper.add_argument("table", choices=TABLES, metavar="TABLE", help=", ".join(TABLES))
     paper.add_argument("domains", nargs="*", metavar="DOMAIN", help="in place of the paper's, in their order")
     paper.add_argument("--policy", action="append", default=[], metavar="[LABEL=]FILE",
-                       help="policy.npz of a training (default: that of the newest run); repeatable, with labels, for "
+                       help="policy.npz of a training (default: the shipped one); repeatable, with labels, for "
                        "observation and density")  # fmt: skip
     paper.add_argument("--peers", type=peer_names, default=["gmsh-default"], metavar="NAMES",
                        help="quality: separated by commas, or none (gmsh-default, which is Blossom-Quad)")  # fmt: skip
