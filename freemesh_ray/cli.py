@@ -88,7 +88,7 @@ def parser() -> argparse.ArgumentParser:
         description="Train a policy, keep the best one, and mesh every training domain with it.",
         epilog="examples:\n"
         "  freemesh train --config train_default.yaml --resume\n"
-        "  freemesh train --set name=try --set sac.gamma=0.95 --set curriculum.stages='[T1]' --set budget.minutes=5\n\n"
+        "  freemesh train --set name=try --set curriculum.stages='[T1]' --set budget.minutes=5\n\n"
         "Files named without a folder are looked for in tune_configs, too. Every key and its meaning stands in\n"
         "tune_configs/defaults.yaml. Ctrl-C saves a checkpoint; the same command with --resume goes on from it.",
     )

@@ -90,14 +90,14 @@ SCHEMA: dict[str, Field] = {
     "curriculum.window": Field(int, 1, 10**6),
     "curriculum.max_stage_steps": Field(int, 1, COUNT),
     "curriculum.rehearsal": Field(float, 0, 0.99),
-    "sac.buffer_size": Field(int, 1, 10**9),
-    "sac.batch_size": Field(int, 1, 10**6),
-    "sac.gamma": Field(float, 0, 1),
-    "sac.learning_rate": Field(float, TINY, 1),
-    "sac.tau": Field(float, TINY, 1),
-    "sac.updates_per_step": Field(float, TINY, 100),
-    "sac.hidden": Field(int, 1, 65536, many=True),
-    "sac.warmup_steps": Field(int, 1, 10**9),
+    "learner.buffer_size": Field(int, 1, 10**9),
+    "learner.batch_size": Field(int, 1, 10**6),
+    "learner.gamma": Field(float, 0, 1),
+    "learner.learning_rate": Field(float, TINY, 1),
+    "learner.tau": Field(float, TINY, 1),
+    "learner.updates_per_step": Field(float, TINY, 100),
+    "learner.hidden": Field(int, 1, 65536, many=True),
+    "learner.warmup_steps": Field(int, 1, 10**9),
     "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
     "sac.initial_alpha": Field(float, TINY, 1000),
     "runners.count": Field(int, 0, 1024),
@@ -127,7 +127,7 @@ SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
 }
 
 #: (smaller, larger): the first key's value is at most the second's.
-AT_MOST: tuple[tuple[str, str], ...] = (("sac.batch_size", "sac.buffer_size"),)
+AT_MOST: tuple[tuple[str, str], ...] = (("learner.batch_size", "learner.buffer_size"),)
 
 SECTIONS = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))
 
@@ -250,7 +250,7 @@ def _set(text: str) -> list[_Entry]:
     key, equals, value = text.partition("=")
     place = f"--set {text}"
     if not equals or not key.strip():
-        raise ConfigError(f"{place}: is not key=value: write for example sac.gamma=0.95")
+        raise ConfigError(f"{place}: is not key=value: write for example learner.gamma=0.95")
     return _unique(_entries(_composed(value, place) or yaml.ScalarNode(_NULL, ""), key.strip(), place, line=None))
 
 
@@ -304,16 +304,19 @@ def _unique(entries: Iterator[_Entry]) -> list[_Entry]:
 
 def _nearest(key: str) -> str:
     """The known key that was probably meant, as the end of a message."""
-    close = difflib.get_close_matches(key, [*SCHEMA, *SECTIONS], n=1, cutoff=0.5)
+    known = [*SCHEMA, *SECTIONS]
     last = key.rpartition(".")[2]
-    same = [known for known in SCHEMA if difflib.get_close_matches(last, [known.rpartition(".")[2]], cutoff=0.75)]
-    found = close or same
+    found = (
+        difflib.get_close_matches(key, known, n=1, cutoff=0.75)
+        or [name for name in SCHEMA if difflib.get_close_matches(last, [name.rpartition(".")[2]], cutoff=0.75)]
+        or difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    )
     return f": did you mean {found[0]}?" if found else f": known are name, seed, algorithm and {', '.join(SECTIONS)}"
 
 
 def _example(key: str) -> str:
     """A line that would be right in section ``key``."""
-    return next(known for known in SCHEMA if known.startswith(f"{key}." if key else "sac.")) + ": ..."
+    return next(known for known in SCHEMA if known.startswith(f"{key}." if key else "learner.")) + ": ..."
 
 
 def _checked(entry: _Entry) -> Any:

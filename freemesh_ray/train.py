@@ -135,7 +135,7 @@ def train(
 
 
 #: What a run cannot change when it goes on: its experience and its networks are of these.
-FIXED = ("algorithm", "env.", "sac.hidden", "curriculum.stages")
+FIXED = ("algorithm", "env.", "learner.hidden", "curriculum.stages")
 
 
 def prepare(config: Mapping[str, Any], resume: bool) -> RunFolder:

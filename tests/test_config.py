@@ -61,7 +61,17 @@ def written(tree: dict, folder: Path, name: str = "overlay.yaml") -> Path:
 def test_the_defaults_hold_exactly_the_keys_of_the_schema_each_with_a_comment():
     assert list(flatten(yaml.safe_load(DEFAULTS_TEXT))) == list(SCHEMA)
     keys = [line for line in DEFAULTS_TEXT.splitlines() if line.strip() and not line.strip().startswith("#")]
-    sections = ("env:", "curriculum:", "sac:", "runners:", "evaluation:", "checkpoint:", "tracking:", "paths:")
+    sections = (
+        "env:",
+        "curriculum:",
+        "learner:",
+        "sac:",
+        "runners:",
+        "evaluation:",
+        "checkpoint:",
+        "tracking:",
+        "paths:",
+    )
     assert [line for line in keys if " # " not in line] == [line for line in keys if line.strip() in sections]
 
 
@@ -90,7 +100,7 @@ def test_overlays_say_what_they_are_for():
     assert load(["train_default"]) == {**load(), "name": "default"}
     paper = load(["train_paper"])
     assert paper["budget"] == {"env_steps": 1_200_000, "minutes": None}
-    assert paper["sac"]["updates_per_step"] == 1.0
+    assert paper["learner"]["updates_per_step"] == 1.0
     assert load(["train_smoke"])["curriculum"]["stages"] == ["T1"]
 
 
@@ -100,8 +110,8 @@ def test_overlays_say_what_they_are_for():
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.fixed_dictionaries({}, optional={key: values_of(key, field) for key, field in SCHEMA.items()}))
 def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
-    if chosen.get("sac.batch_size", 256) > chosen.get("sac.buffer_size", 10**6):
-        chosen |= {"sac.batch_size": 1}
+    if chosen.get("learner.batch_size", 256) > chosen.get("learner.buffer_size", 10**6):
+        chosen |= {"learner.batch_size": 1}
     sets = [f"{key}={yaml.safe_dump(value, default_flow_style=True, width=10**6).split('...')[0].strip()}"
             for key, value in chosen.items() if not isinstance(value, str | list)]  # fmt: skip
     tree: dict = {}
@@ -129,21 +139,21 @@ def test_whole_numbers_may_be_written_as_floats(steps: int):
 @given(st.floats(1e-9, 1.0))
 def test_every_way_to_write_a_float_is_read(rate: float):
     for text in (repr(rate), f"{rate:.17e}", f"{rate:.17E}", f"{rate:.17e}".replace("e-0", "e-")):
-        value = load(sets=[f"sac.learning_rate={text}"])["sac"]["learning_rate"]
+        value = load(sets=[f"learner.learning_rate={text}"])["learner"]["learning_rate"]
         assert value == rate
         assert type(value) is float
 
 
 def test_later_layers_win(tmp_path: Path):
-    first = written({"sac": {"gamma": 0.5, "tau": 0.1}}, tmp_path, "first.yaml")
-    second = written({"sac": {"gamma": 0.6}}, tmp_path, "second.yaml")
-    sac = load([first, second], ["sac.tau=0.2", "sac.tau=0.3"])["sac"]
-    assert (sac["gamma"], sac["tau"]) == (0.6, 0.3)
+    first = written({"learner": {"gamma": 0.5, "tau": 0.1}}, tmp_path, "first.yaml")
+    second = written({"learner": {"gamma": 0.6}}, tmp_path, "second.yaml")
+    learner = load([first, second], ["learner.tau=0.2", "learner.tau=0.3"])["learner"]
+    assert (learner["gamma"], learner["tau"]) == (0.6, 0.3)
 
 
 def test_loading_twice_gives_trees_that_share_nothing():
     first = load()
-    first["sac"]["hidden"].append(1)
+    first["learner"]["hidden"].append(1)
     first["env"]["n"] = 7
     assert load() != first
     assert load() == load()
@@ -169,48 +179,48 @@ def test_flatten_gives_scalars_only():
     flat = flatten(load())
     assert list(flat) == list(SCHEMA)
     assert all(isinstance(value, str | int | float | bool | None) for value in flat.values())
-    assert flat["sac.hidden"] == "[128, 128, 128]"
+    assert flat["learner.hidden"] == "[128, 128, 128]"
 
 
 def test_an_empty_section_changes_nothing(tmp_path: Path):
-    assert load([written("name: x\nsac:\n  # gamma: 0.5\n", tmp_path)]) == {**load(), "name": "x"}
+    assert load([written("name: x\nlearner:\n  # gamma: 0.5\n", tmp_path)]) == {**load(), "name": "x"}
 
 
 # ---- mistakes --------------------------------------------------------------------------------------------------------
 
 BAD_SETS = [
-    ("sac.lerning_rate=1", "sac.lerning_rate: unknown key: did you mean sac.learning_rate?"),
-    ("gama=1", "gama: unknown key: did you mean sac.gamma?"),
+    ("learner.lerning_rate=1", "learner.lerning_rate: unknown key: did you mean learner.learning_rate?"),
+    ("gama=1", "gama: unknown key: did you mean learner.gamma?"),
     ("minutes=1", "minutes: unknown key: did you mean budget.minutes?"),
     ("zzzz=1", "zzzz: unknown key: known are name, seed"),
-    ("sac.gamma", "is not key=value: write for example sac.gamma=0.95"),
+    ("learner.gamma", "is not key=value: write for example learner.gamma=0.95"),
     ("=1", "is not key=value"),
-    ("sac.gamma=1.5", "sac.gamma: must be a number in [0, 1], not 1.5"),
-    ("sac.gamma=.nan", "sac.gamma: must be a number in [0, 1], not NaN"),
-    ("sac.gamma=true", "sac.gamma: must be a number in [0, 1], not true"),
-    ("sac.gamma='0.5'", 'sac.gamma: must be a number in [0, 1], not "0.5"'),
-    ("sac.gamma=", "sac.gamma: must be a number in [0, 1], not null"),
-    ("sac.gamma=2020-99-99", "sac.gamma: must be a number in [0, 1]"),
-    ("sac.gamma=[0.5", "is not valid YAML: expected ',' or ']'"),
-    ("sac.gamma=!!python/object:os.system {}", "sac.gamma: must be a number in [0, 1]"),
-    ("sac=3", "sac: is a section: write keys below it, for example sac.buffer_size: ..."),
-    ("sac.gamma.x=3", "sac.gamma.x: unknown key: did you mean sac.gamma?"),
-    ("sac.batch_size=1.5", "sac.batch_size: must be a whole number in [1, 1000000], not 1.5"),
+    ("learner.gamma=1.5", "learner.gamma: must be a number in [0, 1], not 1.5"),
+    ("learner.gamma=.nan", "learner.gamma: must be a number in [0, 1], not NaN"),
+    ("learner.gamma=true", "learner.gamma: must be a number in [0, 1], not true"),
+    ("learner.gamma='0.5'", 'learner.gamma: must be a number in [0, 1], not "0.5"'),
+    ("learner.gamma=", "learner.gamma: must be a number in [0, 1], not null"),
+    ("learner.gamma=2020-99-99", "learner.gamma: must be a number in [0, 1]"),
+    ("learner.gamma=[0.5", "is not valid YAML: expected ',' or ']'"),
+    ("learner.gamma=!!python/object:os.system {}", "learner.gamma: must be a number in [0, 1]"),
+    ("learner=3", "learner: is a section: write keys below it, for example learner.buffer_size: ..."),
+    ("learner.gamma.x=3", "learner.gamma.x: unknown key: did you mean learner.gamma?"),
+    ("learner.batch_size=1.5", "learner.batch_size: must be a whole number in [1, 1000000], not 1.5"),
     ("seed=1e400", "seed: must be a whole number in [0, 2147483647], not Infinity"),
     ("seed=-1", "seed: must be a whole number in [0, 2147483647], not -1"),
     ("env.type2=1", "env.type2: must be true or false, not 1"),
     ("env.density=dense", 'env.density: must be continuous or printed or local, not "dense"'),
     ("env.observation=O4", 'env.observation: must be O1 or O2 or O3 or null, not "O4"'),
     ("sac.target_entropy=automatic", 'sac.target_entropy: must be a number in [-1000, 1000] or auto, not "automatic"'),
-    ("sac.hidden=64", "sac.hidden: must be a list of one or more, each a whole number in [1, 65536], not 64"),
-    ("sac.hidden=[]", "sac.hidden: must be a list of one or more, each a whole number in [1, 65536], not []"),
+    ("learner.hidden=64", "learner.hidden: must be a list of one or more, each a whole number in [1, 65536], not 64"),
+    ("learner.hidden=[]", "learner.hidden: must be a list of one or more, each a whole number in [1, 65536], not []"),
     ("curriculum.stages=['']", "curriculum.stages: must be a list of one or more different values, each text, not"),
     ("curriculum.stages=[T1, T1]", "curriculum.stages: must be a list of one or more different values, each text, not"),
     ("name=42", "name: must be text of letters, digits and . _ -, not 42: put it in quotes"),
     ("name=../up", 'name: must be text of letters, digits and . _ -, not "../up"'),
     ("name='..'", 'name: must be text of letters, digits and . _ -, not ".."'),
-    ("sac.buffer_size=100", "sac.batch_size = 256 is more than sac.buffer_size = 100: lower it"),
-    ("{sac: 1}=2", "unknown key"),
+    ("learner.buffer_size=100", "learner.batch_size = 256 is more than learner.buffer_size = 100: lower it"),
+    ("{learner: 1}=2", "unknown key"),
 ]  # fmt: skip
 
 
@@ -226,15 +236,19 @@ def test_a_bad_set_is_named_in_one_line(text: str, message: str):
 BAD_FILES = [
     ("", 1, "is empty"),
     ("# only a comment\n", 1, "is empty"),
-    ("name: a\nsac:\n  gamma: 2\n", 3, "sac.gamma: must be a number in [0, 1], not 2"),
-    ("name: a\nsac:\n  gama: 2\n", 3, "sac.gama: unknown key: did you mean sac.gamma?"),
+    ("name: a\nlearner:\n  gamma: 2\n", 3, "learner.gamma: must be a number in [0, 1], not 2"),
+    ("name: a\nlearner:\n  gama: 2\n", 3, "learner.gama: unknown key: did you mean learner.gamma?"),
     ("name: a\nname: b\n", 2, "name: already set at"),
     ("- a\n- b\n", 1, "the file is a list or a scalar"),
     ("name: [a\nseed: 1\n", 2, "is not valid YAML"),
-    ("sac:\n\tgamma: 1\n", 2, "is not valid YAML"),
-    ("sac: &a\n  gamma: *b\n", 2, "is not valid YAML: found undefined alias"),
-    ("sac: &a\n  sac: *a\n", 2, "sac.sac: unknown key"),
-    ("sac:\n  batch_size: 300\n  buffer_size: 200\n", 3, "sac.batch_size = 300 is more than sac.buffer_size = 200"),
+    ("learner:\n\tgamma: 1\n", 2, "is not valid YAML"),
+    ("learner: &a\n  gamma: *b\n", 2, "is not valid YAML: found undefined alias"),
+    ("learner: &a\n  learner: *a\n", 2, "learner.learner: unknown key"),
+    (
+        "learner:\n  batch_size: 300\n  buffer_size: 200\n",
+        3,
+        "learner.batch_size = 300 is more than learner.buffer_size = 200",
+    ),
     ("name: a\n---\nname: b\n", 2, "is not valid YAML"),
 ]
 
@@ -270,7 +284,7 @@ def test_deep_nesting_is_refused_not_crashed(tmp_path: Path):
 def test_bounds_are_part_of_the_range():
     for key, field in SCHEMA.items():
         if field.kind in (int, float) and not field.many and math.isfinite(field.low):
-            extra = ["sac.batch_size=1"] if key == "sac.buffer_size" else ["sac.buffer_size=1e9"]
+            extra = ["learner.batch_size=1"] if key == "learner.buffer_size" else ["learner.buffer_size=1e9"]
             for bound in (field.low, field.high):
                 load(sets=[*extra, f"{key}={bound!r}"])
             with pytest.raises(ConfigError, match=key):

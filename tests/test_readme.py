@@ -46,7 +46,7 @@ def test_environment_lines_run() -> None:
 
 @pytest.mark.parametrize("name", config.shipped())
 def test_every_shipped_configuration_loads(name: str) -> None:
-    assert config.load([] if name == "defaults" else [name])["sac"]["gamma"] == 0.99
+    assert config.load([] if name == "defaults" else [name])["learner"]["gamma"] == 0.99
 
 
 def test_the_lock_pins_everything() -> None:

@@ -57,7 +57,7 @@ def test_killed_and_started_again(tmp_path: Path) -> None:
     (experiment,) = [e for e in client.search_experiments() if e.name == "freemesh"]
     (tracked,) = client.search_runs([experiment.experiment_id])
     assert tracked.info.status == "FINISHED"
-    assert tracked.data.params["sac.gamma"] == "0.99"
+    assert tracked.data.params["learner.gamma"] == "0.99"
     history = client.get_metric_history(tracked.info.run_id, "eval_deterministic/return")
     recorded = [metric.step for metric in history]
     assert sorted(set(recorded)) == sorted(recorded), "an evaluation arrived twice"

@@ -136,7 +136,7 @@ def test_evaluations_after_the_checkpoint_are_made_once(settings: dict[str, Any]
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
 
 
-@pytest.mark.parametrize("change", ["sac.hidden=[3]", "env.density=printed", "env.observation=O1", "env.radius=R3"])
+@pytest.mark.parametrize("change", ["learner.hidden=[3]", "env.density=printed", "env.observation=O1", "env.radius=R3"])
 def test_a_run_does_not_go_on_as_another(change: str, settings: dict[str, Any]) -> None:
     run(settings, Fake())
     path = Path(settings["paths"]["runs"]) / "fake" / "config.yaml"

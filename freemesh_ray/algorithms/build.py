@@ -15,7 +15,8 @@ from freemesh_ray.curriculum import Curriculum
 
 def sac_config(config: Mapping[str, Any]) -> SACConfig:
     """The SAC that a configuration tree (see ``config.load``) describes."""
-    sac, runners, curriculum = config["sac"], config["runners"], config["curriculum"]
+    learner, sac = config["learner"], config["sac"]
+    runners, curriculum = config["runners"], config["curriculum"]
     domains = [source(stage) for stage in curriculum["stages"]]
     return (
         SACConfig()
@@ -26,18 +27,18 @@ def sac_config(config: Mapping[str, Any]) -> SACConfig:
             rollout_fragment_length=runners["fragment"],
         )
         .training(
-            gamma=sac["gamma"],
-            tau=sac["tau"],
-            actor_lr=sac["learning_rate"],
-            critic_lr=sac["learning_rate"],
-            alpha_lr=sac["learning_rate"],
+            gamma=learner["gamma"],
+            tau=learner["tau"],
+            actor_lr=learner["learning_rate"],
+            critic_lr=learner["learning_rate"],
+            alpha_lr=learner["learning_rate"],
             target_entropy=sac["target_entropy"],
             initial_alpha=sac["initial_alpha"],
-            train_batch_size_per_learner=sac["batch_size"],
-            replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": sac["buffer_size"]},
-            hidden=sac["hidden"],
-            updates_per_step=sac["updates_per_step"],
-            warmup_steps=sac["warmup_steps"],
+            train_batch_size_per_learner=learner["batch_size"],
+            replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
+            hidden=learner["hidden"],
+            updates_per_step=learner["updates_per_step"],
+            warmup_steps=learner["warmup_steps"],
             curriculum=Curriculum(
                 stages=tuple(domain.name for domain in domains),
                 promote_at=curriculum["promote_at"],
