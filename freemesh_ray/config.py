@@ -161,6 +161,10 @@ class _Entry:
     place: str
 
 
+#: The settings of one file, one part of a file or one ``--set``; made by `file_layer`, `set_layer` and `tree_layer`.
+Layer = Sequence[_Entry]
+
+
 def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[str, Any]:
     """The defaults, overlaid by files and then by ``key=value`` strings, later ones winning.
 
@@ -174,9 +178,18 @@ def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[
     Raises:
         ConfigError: an unknown or repeated key, a wrong type or range, a missing, empty or invalid file.
     """
+    return resolve([*map(file_layer, overlays), *map(set_layer, sets)])
+
+
+def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
+    """The defaults, overlaid by layers, later ones winning: the tree as `load` returns it.
+
+    Raises:
+        ConfigError: a wrong type or range.
+    """
     settings: dict[str, Any] = {}
     places: dict[str, str] = {}  # where each key was set last
-    for layer in (_file("defaults"), *map(_file, overlays), *map(_set, sets)):
+    for layer in (file_layer("defaults"), *layers):
         checked = [(entry, _checked(entry)) for entry in layer]
         for entry, value in sorted(checked, key=lambda pair: pair[0].key not in SHORTHANDS):
             settings[entry.key] = value
@@ -192,6 +205,23 @@ def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[
             values = f"{small} = {settings[small]} is more than {large} = {settings[large]}"
             raise ConfigError(f"{places[last]}: {values}: lower it")
     return _nested({key: settings[key] for key in SCHEMA})
+
+
+def value_layer(values: Mapping[str, Any], place: str) -> Layer:
+    """Settings by dotted key, as an overlay; ``place`` is where they come from, for messages.
+
+    Raises:
+        ConfigError: an unknown key.
+    """
+    for key in values:
+        if key not in SCHEMA:
+            raise ConfigError(f"{place}: {key}: unknown key{_nearest(key)}")
+    return [_Entry(key, value, place) for key, value in values.items()]
+
+
+def values(layer: Layer) -> dict[str, Any]:
+    """What an overlay sets, by dotted key, as written."""
+    return {entry.key: entry.value for entry in layer}
 
 
 def dump(config: Mapping[str, Any]) -> str:
@@ -224,8 +254,18 @@ def _folder() -> Any:
     return resources.files("tune_configs")
 
 
-def _file(source: str | Path) -> list[_Entry]:
-    """The settings of one YAML file."""
+def file_layer(source: str | Path) -> Layer:
+    """The settings of one YAML file, as an overlay."""
+    name, root = document(source)
+    return tree_layer(root, name, 1)
+
+
+def document(source: str | Path) -> tuple[str, yaml.Node]:
+    """A YAML file's name and its tree; a bare name without suffix is a file that ships with the package.
+
+    Raises:
+        ConfigError: a missing, empty or invalid file.
+    """
     name = str(source)
     short = name.removesuffix(".yaml")
     bare = "/" not in name and not os.path.isfile(name) and (short in shipped() or not Path(name).suffix)
@@ -242,11 +282,20 @@ def _file(source: str | Path) -> list[_Entry]:
     root = _composed(text, name)
     if root is None:
         raise ConfigError(f"{name}:1: is empty: list the keys that differ from the defaults, or leave the file out")
-    return _unique(_entries(root, "", name, line=1))
+    return name, root
 
 
-def _set(text: str) -> list[_Entry]:
-    """The settings of one ``key=value`` string."""
+def tree_layer(node: yaml.Node, name: str, line: int) -> Layer:
+    """The settings of a YAML tree that begins on ``line`` of file ``name``, as an overlay.
+
+    Raises:
+        ConfigError: an unknown or repeated key.
+    """
+    return _unique(_entries(node, "", name, line))
+
+
+def set_layer(text: str) -> Layer:
+    """The settings of one ``key=value`` string, as an overlay."""
     key, equals, value = text.partition("=")
     place = f"--set {text}"
     if not equals or not key.strip():
@@ -284,8 +333,20 @@ def _entries(node: yaml.Node, key: str, place: str, line: int | None) -> Iterato
         raise ConfigError(f"{here}: {what}: write keys below it, for example {_example(key)}")
 
 
+def plain(node: yaml.Node, place: str) -> Any:
+    """The Python value of a node.
+
+    Raises:
+        ConfigError: it has none.
+    """
+    try:
+        return _Loader("").construct_object(node, deep=True)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{place}: has no value: {str(error).splitlines()[0]}") from error
+
+
 def _value(node: yaml.Node, key: str, place: str) -> Any:
-    """The Python value of a node."""
+    """The Python value of a node that stands at a key of the schema."""
     try:
         return _Loader("").construct_object(node, deep=True)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -320,12 +381,16 @@ def _example(key: str) -> str:
 
 
 def _checked(entry: _Entry) -> Any:
-    """The entry's value in its schema type.
+    """The entry's value in its schema type."""
+    return check(entry.value, SCHEMA[entry.key], entry.place, entry.key)
+
+
+def check(value: Any, field: Field, place: str, key: str) -> Any:
+    """The value as ``field`` takes it.
 
     Raises:
         ConfigError: the value is of another type or out of range.
     """
-    field, value = SCHEMA[entry.key], entry.value
     try:
         if value is None and field.optional:
             return None
@@ -338,7 +403,7 @@ def _checked(entry: _Entry) -> Any:
     except (ValueError, OverflowError):
         pass
     quote = ": put it in quotes" if field.kind is str and isinstance(value, int | float) else ""
-    raise ConfigError(f"{entry.place}: {entry.key}: must be {field}, not {_shown(value)}{quote}")
+    raise ConfigError(f"{place}: {key}: must be {field}, not {_shown(value)}{quote}")
 
 
 def _fitted(value: Any, field: Field) -> Any:

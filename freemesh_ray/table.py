@@ -30,3 +30,12 @@ def aligned(lines: Sequence[Sequence[str]], least: int = 0) -> list[list[str]]:
 def number(value: float, form: str) -> str:
     """The value in the given format; a dash when there is none."""
     return format(value, form) if math.isfinite(value) else "-"
+
+
+def duration(seconds: float) -> str:
+    """1:05 or 1:02:05; a dash when unknown."""
+    if not math.isfinite(seconds):
+        return "-"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
