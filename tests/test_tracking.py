@@ -18,9 +18,12 @@ from typing import Any
 
 import pytest
 
-from freemesh_ray import tracking
 from freemesh_ray.config import flatten, load
-from freemesh_ray.tracking import Run, TrackingError, absolute, provenance, sync
+from freemesh_ray.provenance import provenance
+from freemesh_ray.tracking import Run, TrackingError, absolute, share, store, sync
+from freemesh_ray.tracking import run as recording
+from freemesh_ray.tracking.courier import Courier
+from freemesh_ray.tracking.journal import Journal
 
 REFUSING = "http://127.0.0.1:9"
 
@@ -29,7 +32,7 @@ REFUSING = "http://127.0.0.1:9"
 def blank_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An MLflow database without runs; to copy it is much faster than to make one."""
     path = tmp_path_factory.mktemp("store") / "mlflow.db"
-    tracking._mlflow()(f"sqlite:///{path}")
+    store.mlflow_client()(f"sqlite:///{path}")
     return path
 
 
@@ -51,12 +54,12 @@ def started(folder: Path, uri: str, **changes: Any) -> Run:
 
 
 def client(uri: str) -> Any:
-    return tracking._mlflow()(uri)
+    return store.mlflow_client()(uri)
 
 
 def runs(uri: str) -> list[Any]:
-    store = client(uri)
-    return store.search_runs([experiment.experiment_id for experiment in store.search_experiments()])
+    mlflow = client(uri)
+    return mlflow.search_runs([experiment.experiment_id for experiment in mlflow.search_experiments()])
 
 
 def only_run(uri: str) -> Any:
@@ -83,12 +86,11 @@ def test_every_metric_arrives_once_and_the_run_is_finished(tmp_path: Path, uri: 
 
 def test_the_configuration_arrives_as_params_and_where_it_ran_as_tags(tmp_path: Path, uri: str):
     params = flatten(load()) | {"long": "x" * 900, "empty": "", **{f"many.{i}": i for i in range(250)}}
-    with started(tmp_path / "run", uri, params=params, tags={"study": "a"}, parent="0" * 32):
+    with started(tmp_path / "run", uri, params=params, tags={"study": "a"}):
         pass
     data = only_run(uri).data
     assert data.params == {key: str(value)[:500] for key, value in params.items()}
     assert data.tags["study"] == "a"
-    assert data.tags["mlflow.parentRunId"] == "0" * 32
     assert provenance().items() <= data.tags.items()
 
 
@@ -342,7 +344,7 @@ def test_recording_is_fast_and_closing_keeps_to_its_limit_when_the_store_hangs(t
 
 
 def test_a_store_that_comes_back_gets_everything(tmp_path: Path, uri: str, monkeypatch: pytest.MonkeyPatch):
-    real, away = tracking._mlflow, threading.Event()
+    real, away = store.mlflow_client, threading.Event()
     away.set()
 
     def sometimes() -> Any:
@@ -350,8 +352,8 @@ def test_a_store_that_comes_back_gets_everything(tmp_path: Path, uri: str, monke
             raise ConnectionError("away")
         return real()
 
-    monkeypatch.setattr(tracking, "_mlflow", sometimes)
-    monkeypatch.setattr(tracking, "BATCH_SECONDS", 0.1)
+    monkeypatch.setattr(store, "mlflow_client", sometimes)
+    monkeypatch.setattr(recording, "BATCH_SECONDS", 0.1)
     with started(tmp_path / "run", uri) as run:
         run.metrics({"loss": 1.0}, 1)
         time.sleep(0.3)
@@ -387,3 +389,160 @@ def test_a_store_that_is_none_does_not_stop_training(tmp_path: Path):
     assert run.run_id is None
     with pytest.raises(TrackingError, match="nonsense"):
         sync(tmp_path)
+
+
+# ---- parents and children --------------------------------------------------------------------------------------------
+
+
+def family(uri: str) -> dict[str, str | None]:
+    """The name of every run's parent, by the run's name."""
+    names = {run.info.run_id: run.info.run_name for run in runs(uri)}
+    return {run.info.run_name: names.get(run.data.tags.get("mlflow.parentRunId")) for run in runs(uri)}
+
+
+def test_a_child_hangs_below_its_parent_and_keeps_it_when_resumed(
+    tmp_path: Path, uri: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("MLFLOW_RUN_ID", "0" * 32)
+    with started(tmp_path / "study", uri, name="study") as study:
+        assert study.wait(10)
+        for seed in range(2):
+            with started(tmp_path / f"study/{seed}", uri, name=f"{seed}", parent=study.id) as trial:
+                trial.metrics({"loss": seed}, 1)
+    with started(tmp_path / "study/0", uri, name="0", resume=True) as again:
+        again.metrics({"loss": 5}, 2)
+    assert family(uri) == {"study": None, "0": "study", "1": "study"}
+    assert {run.info.status for run in runs(uri)} == {"FINISHED"}
+
+
+@pytest.mark.parametrize("names", [("a", "b", "c"), ("c", "b", "a")])
+def test_children_told_before_their_parents_wait_for_them(tmp_path: Path, uri: str, names: tuple[str, ...]):
+    """Neither a store is there nor do the folders' names tell who comes first."""
+    above = None
+    for name in names:
+        with started(tmp_path / name, REFUSING, name=name, parent=above) as run:
+            run.metrics({"loss": 1.0}, 1)
+        above = run.id
+    assert sync(tmp_path / names[-1], uri) == 0  # its parent is nowhere
+    assert runs(uri) == []
+    assert sync(tmp_path, uri) == 9
+    assert sync(tmp_path, uri) == 0
+    assert family(uri) == {names[0]: None, names[1]: names[0], names[2]: names[1]}
+
+
+def test_a_child_is_delivered_once_its_parent_is(tmp_path: Path, uri: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(recording, "BATCH_SECONDS", 0.1)
+    late = started(tmp_path / "study", REFUSING, name="study")
+    late.close()
+    with started(tmp_path / "trial", uri, name="trial", parent=late.id) as trial:
+        time.sleep(0.3)
+        assert trial.run_id is None
+        sync(tmp_path / "study", uri)
+    assert family(uri) == {"study": None, "trial": "study"}
+
+
+def test_a_resumed_run_waits_for_whoever_marks_it_failed(tmp_path: Path, uri: str):
+    with started(tmp_path / "run", uri) as run:
+        pass
+    (path,) = (tmp_path / "run" / "tracking").glob("*.jsonl")
+    burial = Journal.claim(path)
+    assert burial is not None
+    threading.Timer(0.5, burial.release).start()
+    with started(tmp_path / "run", uri, resume=True) as again:
+        assert again.id == run.id
+
+
+# ---- shared runs -----------------------------------------------------------------------------------------------------
+
+
+def test_a_shared_run_is_told_again_below_the_other_parent_and_once(tmp_path: Path, uri: str):
+    (tmp_path / "mesh.svg").write_text("<svg/>")
+    with started(tmp_path / "a", uri, name="a"), started(tmp_path / "b", uri, name="b") as other:
+        pass
+    with started(tmp_path / "trial", uri, name="trial", params={"p": 1}, tags={"study": "a", "k": "v"}) as trial:
+        trial.metrics({"loss": 1.0}, 1)
+        trial.artifact(tmp_path / "mesh.svg")
+    with started(tmp_path / "trial", uri, name="trial", params={"p": 1}, tags={"study": "a"}, resume=True) as trial:
+        trial.metrics({"loss": 9.0}, 1)
+        trial.metrics({"loss": 2.0}, 2)
+    here = {"uri": uri, "experiment": "test", "name": "shared", "parent": other.id, "tags": {"study": "b"}}
+    copy = share(tmp_path / "trial", into=tmp_path / "b", **here)
+    assert share(tmp_path / "trial", into=tmp_path / "b", **here) == copy != trial.id
+    assert sync(tmp_path) == 0
+    assert family(uri) == {"a": None, "b": None, "trial": None, "shared": "b"}
+    (shared,) = [run for run in runs(uri) if run.info.run_name == "shared"]
+    assert (shared.data.params, shared.info.status) == ({"p": "1"}, "FINISHED")
+    tags = {"study": "b", "k": "v", "freemesh.id": copy, "freemesh.shared_from": trial.id}
+    assert tags.items() <= shared.data.tags.items()
+    points = [
+        {(m.step, m.value, m.timestamp) for m in client(uri).get_metric_history(run_id, "loss")}
+        for run_id in (trial.run_id, shared.info.run_id)
+    ]
+    assert points[0] == points[1]
+    assert {(step, value) for step, value, _ in points[0]} == {(1, 1.0), (2, 2.0)}
+    assert (tmp_path / "mlartifacts" / shared.info.run_id / "artifacts" / "mesh.svg").exists()
+    with started(tmp_path / "trial", uri, resume=True) as again:
+        assert again.id == trial.id
+
+
+def test_a_run_shared_without_a_store_is_left_to_sync(tmp_path: Path, uri: str):
+    with started(tmp_path / "study", REFUSING, name="study") as study:
+        pass
+    with started(tmp_path / "trial", REFUSING, name="trial") as trial:
+        trial.metrics({"loss": 1.0}, 1)
+    copy = share(
+        tmp_path / "trial", uri=REFUSING, experiment="test", name="copy", parent=study.id, into=tmp_path / "study"
+    )
+    assert copy is not None
+    assert sync(tmp_path, uri) == 2 + 3 + 3
+    assert family(uri) == {"study": None, "trial": None, "copy": "study"}
+
+
+def test_what_was_never_tracked_is_not_shared(tmp_path: Path, uri: str):
+    assert share(tmp_path, uri=uri, experiment="test", name="x", parent="y") is None
+    assert runs(uri) == []
+
+
+# ---- bounds ----------------------------------------------------------------------------------------------------------
+
+FULL = """
+import resource, sys
+from pathlib import Path
+from freemesh_ray.tracking import Run
+run = Run(sys.argv[1], uri=sys.argv[2], experiment="test", name="full")
+(journal,) = Path(sys.argv[1]).glob("tracking/*.jsonl")
+_, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+resource.setrlimit(resource.RLIMIT_FSIZE, (journal.stat().st_size + 100, hard))
+for step in range(50):
+    run.metrics({"loss": step}, step)
+resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+for step in range(50, 60):
+    run.metrics({"loss": step}, step)
+run.close()
+"""
+
+
+def test_a_full_disk_costs_what_it_has_no_room_for_and_nothing_more(tmp_path: Path, uri: str):
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(tmp_path / "run"), REFUSING],
+        check=True, capture_output=True, text=True, cwd=Path(__file__).parents[1],
+    )  # fmt: skip
+    assert done.stderr.count("what comes is lost") == 1
+    sync(tmp_path, uri)
+    steps = [step for step, _ in history(uri, "loss")]
+    assert steps == [0, *range(50, 60)]
+    assert only_run(uri).info.status == "FINISHED"
+
+
+def test_delivery_remembers_metrics_by_name_not_by_step(tmp_path: Path, uri: str):
+    with started(tmp_path / "run", uri) as run:
+        for step in range(2500):
+            run.metrics({"loss": step, "return": step}, step)
+    (path,) = (tmp_path / "run" / "tracking").glob("*.jsonl")
+    journal = Journal.claim(path)
+    assert journal is not None
+    courier = Courier(journal)
+    held = [value for value in vars(courier).values() if isinstance(value, dict | list | set | tuple)]
+    assert held
+    assert all(len(value) <= 2 for value in held)
+    journal.release()

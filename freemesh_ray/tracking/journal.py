@@ -6,6 +6,7 @@ start tells a dead run from one still at work.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -18,6 +19,10 @@ from pathlib import Path
 from typing import Any
 
 Event = dict[str, Any]
+
+#: How long a run that is taken up again waits for its journal: another run that began at the same moment, as a study's
+#: trials do together, may be busy to mark it FAILED.
+BURIAL_SECONDS = 20.0
 
 
 @dataclass
@@ -41,6 +46,7 @@ class Journal:
 
     def __init__(self, path: Path, descriptor: int, state: State) -> None:
         self.path, self.state, self._descriptor = path, state, descriptor
+        self._torn = False  # the last line was cut short
 
     @classmethod
     def new(cls, folder: Path, state: State) -> Journal:
@@ -55,16 +61,26 @@ class Journal:
         return journal
 
     @classmethod
-    def claim(cls, path: Path) -> Journal | None:
-        """The journal at ``path``; None when its run is at work, here or in another process, or it is unreadable."""
+    def claim(cls, path: Path, patience: float = 0.0) -> Journal | None:
+        """The journal at ``path``; None when its run is at work, here or in another process, or it is unreadable.
+
+        Args:
+            path: of the journal.
+            patience: seconds to wait for whoever holds it.
+        """
         try:
-            state = State(**json.loads(path.with_suffix(".json").read_text(encoding="utf-8")))
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND)
-        except (OSError, ValueError, TypeError):
-            return None
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
+            return None
+        deadline = time.monotonic() + patience
+        while not _locked(descriptor):
+            if time.monotonic() >= deadline:
+                os.close(descriptor)
+                return None
+            time.sleep(0.05)
+        try:  # only now: whoever held it may have written the state
+            state = State(**json.loads(path.with_suffix(".json").read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
             os.close(descriptor)
             return None
         journal = cls(path, descriptor, state)
@@ -79,12 +95,28 @@ class Journal:
         return self.path.stem
 
     def append(self, event: Event) -> None:
-        """Add one line; a single write, so threads need no lock among themselves."""
-        os.write(self._descriptor, (json.dumps(event) + "\n").encode())
+        """Add one line; a single write, so threads need no lock among themselves.
+
+        Raises:
+            OSError: it was not written, as on a full disk.
+        """
+        line = (b"\n" if self._torn else b"") + (json.dumps(event) + "\n").encode()
+        written = os.write(self._descriptor, line)
+        self._torn = written < len(line)
+        if self._torn:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def read(self, start: int = 0) -> Iterator[tuple[Event, int]]:
-        """The whole lines from byte ``start`` on: (event, the byte behind it). A line that is no event is ``{}``."""
-        with self.path.open("rb") as file:
+        """The whole lines from byte ``start`` on: see `entries`."""
+        return self.entries(self.path, start)
+
+    @staticmethod
+    def entries(path: Path, start: int = 0) -> Iterator[tuple[Event, int]]:
+        """The whole lines of the journal at ``path`` from byte ``start`` on: (event, the byte behind it).
+
+        A line that is no event is ``{}``.
+        """
+        with path.open("rb") as file:
             file.seek(start)
             for line in file:
                 if not line.endswith(b"\n"):
@@ -109,15 +141,29 @@ class Journal:
         self._descriptor = -1  # a late append then fails, and never lands in a file that got the number next
 
 
+def journals(folder: Path) -> list[Path]:
+    """The journals of a run's folder, oldest first."""
+    return sorted((folder / "tracking").glob("*.jsonl"))
+
+
 def latest(folder: Path, run_id: str | None) -> Journal | None:
     """The newest journal of ``folder`` that can be claimed, and that is of ``run_id`` when one is given."""
-    for path in sorted((folder / "tracking").glob("*.jsonl"), reverse=True):
-        journal = Journal.claim(path)
+    for path in reversed(journals(folder)):
+        journal = Journal.claim(path, BURIAL_SECONDS)
         if journal and run_id in (None, journal.state.run_id):
             return journal
         if journal:
             journal.release()
     return None
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether the lock could be had."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def said(kind: str, **content: Any) -> Event:

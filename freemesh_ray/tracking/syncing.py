@@ -1,0 +1,61 @@
+"""Later delivery: what an absent store did not get, from the journals of many runs."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from freemesh_ray.tracking.courier import Courier, ParentAwayError
+from freemesh_ray.tracking.journal import Journal, State
+from freemesh_ray.tracking.store import absolute, mlflow_client, unreachable
+
+log = logging.getLogger(__name__)
+
+
+def sync(folder: str | Path, uri: str | None = None) -> int:
+    """Deliver what the runs below ``folder`` still hold; a run that died unannounced becomes FAILED.
+
+    Args:
+        folder: a run's folder, or one above many, as a study's.
+        uri: another store than the runs' own; it gets everything.
+
+    Returns:
+        The number of journal entries delivered. Runs still at work, and children of a run that the store does not have
+        and that is not below ``folder``, are left to themselves.
+
+    Raises:
+        TrackingError: the store cannot be reached.
+    """
+    mlflow_client()
+    delivered = 0
+    waiting = sorted(set(Path(folder).rglob("tracking/**/*.jsonl")))
+    while waiting:  # each round delivers a generation: parents, then their children
+        orphans = []
+        for path in waiting:
+            try:
+                delivered += _settle(path, uri)
+            except ParentAwayError as reason:
+                orphans.append((path, reason))
+        if len(orphans) == len(waiting):
+            for path, reason in orphans:
+                log.warning("tracking: %s is left as it is: %s", path, reason)
+            break
+        waiting = [path for path, _ in orphans]
+    return delivered
+
+
+def _settle(path: Path, uri: str | None) -> int:
+    journal = Journal.claim(path)
+    if journal is None:
+        log.warning("tracking: %s belongs to a run that is at work; left as it is", path)
+        return 0
+    try:
+        if uri is not None and absolute(uri) != journal.state.uri:
+            journal.state = State(absolute(uri), journal.state.experiment)
+        return Courier(journal).settle()
+    except ParentAwayError:
+        raise
+    except Exception as error:
+        raise unreachable(journal.state.uri, error) from error
+    finally:
+        journal.release()
