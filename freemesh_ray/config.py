@@ -115,6 +115,7 @@ SCHEMA: dict[str, Field] = {
     "tracking.experiment": Field(str),
     "tracking.enabled": Field(bool),
     "paths.runs": Field(str),
+    "paths.studies": Field(str),
 }  # fmt: skip
 
 #: Keys that stand for several: name -> the keys it sets. They act where they are written, so that a later layer, or a

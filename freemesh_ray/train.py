@@ -147,17 +147,26 @@ def prepare(config: Mapping[str, Any], resume: bool) -> RunFolder:
         RunError: the run has checkpoints and ``resume`` is false, it was begun with other settings, or its folder
             cannot be made.
     """
+    check_stages(config)
+    folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
+    if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
+        check_unchanged(folder, config)
+    folder.claim(resume)
+    return folder
+
+
+def check_stages(config: Mapping[str, Any]) -> None:
+    """Refuse stages that cannot be trained on.
+
+    Raises:
+        DomainError: as said.
+    """
     domains = [source(stage) for stage in config["curriculum"]["stages"]]
     for domain in domains:
         if isinstance(domain, Domain) and len(domain.ring) < 6:
             raise DomainError(f"{domain.name}: {len(domain.ring)} vertices are one element: train on at least 6")
         if sum(other.name == domain.name for other in domains) > 1:
             raise DomainError(f"{domain.name}: curriculum.stages names it twice: the stages' names must differ")
-    folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
-    if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
-        check_unchanged(folder, config)
-    folder.claim(resume)
-    return folder
 
 
 def check_unchanged(folder: RunFolder, config: Mapping[str, Any]) -> None:

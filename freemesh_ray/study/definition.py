@@ -34,7 +34,8 @@ KEYS: dict[str, Field] = {
     "retries": Field(int, 0, 100),
 }
 DEFAULTS: dict[str, Any] = {
-    "paper": None, "finding": None, "expects": [], "seeds": [], "domains": [], "metric": "eval_deterministic/score", "retries": 1,
+    "paper": None, "finding": None, "expects": [], "seeds": [], "domains": [], "metric": "eval_deterministic/score",
+    "retries": 1,
 }  # fmt: skip
 
 SEARCH: dict[str, Field] = {

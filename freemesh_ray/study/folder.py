@@ -93,7 +93,8 @@ class StudyFolder:
         if self.definition.is_file():
             if not resume:
                 raise RunError(
-                    f"{self.path} already holds a study: add --resume to go on, or --set paths.studies=OTHER to begin anew"
+                    f"{self.path} already holds a study: add --resume to go on, "
+                    "or --set paths.studies=OTHER to begin anew"
                 )
             if yaml.safe_load(self.definition.read_text()) != yaml.safe_load(text):
                 raise RunError(

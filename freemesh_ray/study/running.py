@@ -1,6 +1,6 @@
 """A study run: what is found is not trained again, the rest goes to Ray Tune, the best policy is registered.
 
-    definition -> plan -> [ found finished | Tuner(TrialRun) ] -> trials.json -> best policy -> report
+definition -> plan -> [ found finished | Tuner(TrialRun) ] -> trials.json -> best policy -> report
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def run(
         parent.artifact(folder.definition)
         folder.write(entries)
         if isinstance(plan, Variants):
-            publish(study, plan, entries, tracking, parent.id)
+            publish(study, folder.path, plan, entries, tracking, parent.id)
         if not entries or any(entry.status not in ("finished",) for entry in entries):
             entries = tuned(study, folder, plan, entries, make, parent.id)
         over = not any(entry.status in ("pending", "running") for entry in entries)
@@ -135,7 +135,9 @@ def merged(planned: list[Entry], before: list[Entry]) -> list[Entry]:
     return planned or before
 
 
-def publish(study: Study, plan: Variants, entries: list[Entry], tracking: Mapping[str, Any], parent: str | None) -> None:
+def publish(
+    study: Study, folder: Path, plan: Variants, entries: list[Entry], tracking: Mapping[str, Any], parent: str | None
+) -> None:
     """Show what was found finished among this study's runs in the tracking store, too."""
     if not tracking["enabled"]:
         return

@@ -73,9 +73,7 @@ def scheduler(study: Study, budget: int) -> TrialScheduler:
 
 def mutations(spaces: Mapping[str, Space]) -> dict[str, Any]:
     """What population based training draws a setting from when it does not perturb it."""
-    return {
-        key: list(choice.values) if choice.kind == "choice" else domain(choice) for key, choice in spaces.items()
-    }
+    return {key: list(choice.values) if choice.kind == "choice" else domain(choice) for key, choice in spaces.items()}
 
 
 def _within(spaces: Mapping[str, Space]) -> Any:

@@ -50,7 +50,8 @@ class TrialRun(tune.Trainable):
             study: its name, for the tracking store.
             parent: id of the study's run in the tracking store.
         """
-        assert plan is not None and make is not None
+        assert plan is not None, "Tune gives it"
+        assert make is not None
         _quiet()
         self._about = (plan, make, study, parent)
         self._begin(plan.trial(config, self.trial_id))
