@@ -26,23 +26,19 @@ class Board(Callback):
     """A callback of Ray Tune; it is stored with the experiment, so it holds nothing that cannot be.
 
     Args:
-        folder: the study's folder.
+        folder: the study's folder, whose ``trials.json`` is there.
         plan: its trials.
-        entries: those known from the beginning, found finished or to be run.
         planned: how many there will be.
     """
 
-    def __init__(self, folder: Path, plan: Plan, entries: list[Entry], planned: int) -> None:
-        self._folder, self._plan = StudyFolder(folder), plan
-        self._entries = {name_of(entry): entry for entry in entries}
-        self._names: dict[str, str] = {}
-        self._planned = planned
-        self._began = self._told = time.monotonic()
+    def __init__(self, folder: Path, plan: Plan, planned: int) -> None:
+        self._folder, self._plan, self._planned = StudyFolder(folder), plan, planned
         self._figures: dict[str, dict[str, Any]] = {}
 
-    def entries(self) -> list[Entry]:
-        """All trials, in order."""
-        return list(self._entries.values())
+    def setup(self, *args: Any, **info: Any) -> None:
+        """The experiment begins, or goes on: what is known of its trials is in their file."""
+        self._entries = {entry.run: entry for entry in self._folder.read()}
+        self._began = self._told = time.monotonic()
 
     def on_trial_start(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial begins, or goes on."""
@@ -76,27 +72,24 @@ class Board(Callback):
         """A trial failed and is tried again."""
         self._say(f"{self._count()}  {self._name(trial)}  is tried again after: {reason(trial)}")
 
+    def _of(self, trial: TuneTrial) -> tuple[Entry, Trial]:
+        """The trial as it is listed, and as it is now: population based training changes settings on the way."""
+        it = self._plan.trial(trial.config, trial.trial_id)
+        run = os.path.relpath(it.folder.path, self._folder.path.absolute())
+        return self._entries.setdefault(run, Entry(it.label, it.seed, run, settings=dict(it.drawn))), it
+
     def _name(self, trial: TuneTrial) -> str:
-        return self._of(trial)[0]
+        return name_of(self._entry(trial))
 
     def _entry(self, trial: TuneTrial) -> Entry:
-        return self._entries[self._name(trial)]
-
-    def _of(self, trial: TuneTrial) -> tuple[str, Trial]:
-        """The trial, and the name that it began with: population based training changes settings on the way."""
-        it = self._plan.trial(trial.config, trial.trial_id)
-        name = self._names.setdefault(trial.trial_id, it.name)
-        run = os.path.relpath(it.folder.path, self._folder.path.absolute())
-        self._entries.setdefault(name, Entry(it.label, it.seed, run, settings=dict(it.drawn)))
-        return name, it
+        return self._of(trial)[0]
 
     def _set(self, trial: TuneTrial, status: str) -> None:
-        name, it = self._of(trial)
-        entry = self._entries[name]
+        entry, it = self._of(trial)
         entry.status, entry.settings = status, dict(it.drawn)
         if status != "failed":
             entry.error = None
-        self._folder.write(self.entries())
+        self._folder.write(list(self._entries.values()))
 
     def _glance(self, name: str) -> str:
         figures = self._figures.get(name)

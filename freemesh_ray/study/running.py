@@ -28,9 +28,13 @@ from freemesh_ray.tracking import Run, share
 from freemesh_ray.train import tags
 from freemesh_ray.training import Algorithm
 
+#: Checkpoints kept of each trial: Tune's record of them is a second old at most, and population based training copies
+#: from one while its trial goes on.
+KEPT = 4
 #: What Ray Tune would print or write beside what the study does.
 QUIET = {
     "RAY_AIR_NEW_OUTPUT": "0",
+    "TUNE_GLOBAL_CHECKPOINT_S": "1",
     "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
     "TUNE_MAX_PENDING_TRIALS_PG": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
@@ -110,8 +114,9 @@ def run(
         folder.write(entries)
         if isinstance(plan, Variants):
             publish(study, folder.path, plan, entries, tracking, parent.id)
-        if not entries or any(entry.status not in ("finished",) for entry in entries):
-            entries = tuned(study, folder, plan, entries, make, parent.id)
+        planned = study.search.trials if study.search else len(entries)
+        if sum(entry.status in ("finished", "stopped") for entry in entries) < planned:
+            entries = tuned(study, folder, plan, entries, planned, make, parent.id)
         over = not any(entry.status in ("pending", "running") for entry in entries)
         if not over:
             raise KeyboardInterrupt
@@ -155,7 +160,7 @@ def publish(
 
 
 def tuned(
-    study: Study, folder: StudyFolder, plan: Plan, entries: list[Entry], make: Any, parent: str | None
+    study: Study, folder: StudyFolder, plan: Plan, entries: list[Entry], planned: int, make: Any, parent: str | None
 ) -> list[Entry]:
     """Let Ray Tune run what is left; the trials as they are then."""
     os.environ.update(QUIET)
@@ -183,8 +188,8 @@ def tuned(
                 name=folder.tune.name,
                 storage_path=str(folder.path),
                 failure_config=tune.FailureConfig(max_failures=study.retries),
-                checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=1),
-                callbacks=[Board(folder.path, plan, entries, study.search.trials if study.search else len(entries))],
+                checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=KEPT),
+                callbacks=[Board(folder.path, plan, planned)],
                 verbose=0,
             ),
         )

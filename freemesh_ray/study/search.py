@@ -7,7 +7,7 @@ from typing import Any
 
 from ray import tune
 from ray.tune.schedulers import AsyncHyperBandScheduler, FIFOScheduler, PopulationBasedTraining, TrialScheduler
-from ray.tune.search import BasicVariantGenerator, Searcher, SearchAlgorithm
+from ray.tune.search import BasicVariantGenerator, SearchAlgorithm, Searcher
 
 from freemesh_ray.study.definition import Search, Study
 from freemesh_ray.study.plan import default_point
