@@ -68,7 +68,7 @@ COUNT = 10**12
 SCHEMA: dict[str, Field] = {
     "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
     "seed": Field(int, 0, 2**31 - 1),
-    "algorithm": Field(str, words=("sac",)),
+    "algorithm": Field(str, words=("sac", "td3", "ddpg", "ppo")),
     "env.observation": Field(str, words=tuple(OBSERVATIONS), optional=True),
     "env.radius": Field(str, words=tuple(RADII), optional=True),
     "env.n": Field(int, 1, 8),
@@ -100,6 +100,19 @@ SCHEMA: dict[str, Field] = {
     "learner.warmup_steps": Field(int, 1, 10**9),
     "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
     "sac.initial_alpha": Field(float, TINY, 1000),
+    "td3.exploration_noise": Field(float, 0, 1),
+    "td3.target_noise": Field(float, 0, 2),
+    "td3.target_noise_clip": Field(float, 0, 2),
+    "td3.policy_delay": Field(int, 1, 1000),
+    "ddpg.exploration_noise": Field(float, 0, 1),
+    "ppo.rollout_steps": Field(int, 1, 10**7),
+    "ppo.epochs": Field(int, 1, 1000),
+    "ppo.minibatch_size": Field(int, 1, 10**7),
+    "ppo.clip": Field(float, TINY, 1),
+    "ppo.gae_lambda": Field(float, 0, 1),
+    "ppo.entropy_coefficient": Field(float, 0, 100),
+    "ppo.value_coefficient": Field(float, 0, 100),
+    "ppo.max_grad_norm": Field(float, TINY, 10**9),
     "runners.count": Field(int, 0, 1024),
     "runners.envs_per_runner": Field(int, 1, 4096),
     "runners.fragment": Field(int, 1, 10**5),
@@ -128,7 +141,10 @@ SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
 }
 
 #: (smaller, larger): the first key's value is at most the second's.
-AT_MOST: tuple[tuple[str, str], ...] = (("learner.batch_size", "learner.buffer_size"),)
+AT_MOST: tuple[tuple[str, str], ...] = (
+    ("learner.batch_size", "learner.buffer_size"),
+    ("ppo.minibatch_size", "ppo.rollout_steps"),
+)
 
 SECTIONS = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))
 

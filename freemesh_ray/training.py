@@ -26,6 +26,11 @@ from freemesh_ray.tracking import Run
 
 #: Episodes that the running figures of the progress line are means of.
 RECENT = 50
+#: What is tracked of a learner's figures, where it has them: those of sac, td3 and ddpg, and those of ppo.
+FIGURES = (
+    "critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean",
+    "policy_loss", "vf_loss", "vf_explained_var", "entropy",
+)  # fmt: skip
 
 
 class Algorithm(Protocol):
@@ -263,7 +268,7 @@ class Training:
                 "train/element_quality": float(np.mean([e.mean_eta for e in ended])),
             }
         learner = results.get("learners", {}).get("default_policy", {})
-        for name in ("critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean"):
+        for name in FIGURES:
             if name in learner:
                 values[f"learner/{name}"] = float(learner[name])
         self.run.metrics(values, step=self.progress.env_steps)
