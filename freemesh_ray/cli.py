@@ -12,6 +12,7 @@ from typing import NoReturn
 
 from freemesh_ray.compare import command as compare_command
 from freemesh_ray.paper_tables import command as paper_command
+from freemesh_ray.report import command as report_command
 
 # One thread a process: on few cores, processes that each start a thread a core slow each other down many times over.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -33,6 +34,7 @@ until nothing is left. All quads, the boundary kept exactly.
   freemesh domains                                what is there to mesh
   freemesh compare D7 D8 D9                       our meshes beside those of other meshers
   freemesh paper quality                          the paper's tables, measured anew
+  freemesh report algorithms                      a study's figure and table, with intervals
   freemesh bench                                  how fast it is here
 """
 
@@ -145,6 +147,7 @@ def parser() -> argparse.ArgumentParser:
 
     compare_command.grammar(commands)
     paper_command.grammar(commands, whole)
+    report_command.grammar(commands, whole)
 
     bench = commands.add_parser(
         "bench", help="measure speeds on this machine", description="Measure environment, learner and sampling speed."
@@ -323,5 +326,5 @@ def sync(options: argparse.Namespace) -> int:
 
 COMMANDS = {
     "train": train, "mesh": mesh, "domains": domains, "compare": compare_command.run, "paper": paper_command.run,
-    "bench": bench, "sync": sync,
+    "report": report_command.run, "bench": bench, "sync": sync,
 }  # fmt: skip
