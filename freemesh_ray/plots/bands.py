@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter
 
 from envs.types import Floats
-from freemesh_ray.plots.page import page, save
+from freemesh_ray.plots.page import WIDTH, page, save
 from freemesh_ray.plots.series import MUTED, colour, key, line, plain
 from freemesh_ray.statistics.bootstrap import Interval
 
@@ -30,6 +30,7 @@ class Panel(NamedTuple):
             be 0.
         xlabel, ylabel: of the axes.
         low, high: ends of the vertical scale; None: as the values are.
+    stepped: whether values hold from their x up to the next, in place of changing evenly.
     """
 
     bands: Mapping[str, tuple[Floats, Interval]]
@@ -37,6 +38,7 @@ class Panel(NamedTuple):
     ylabel: str
     low: float | None = None
     high: float | None = None
+    stepped: bool = False
 
 
 def draw_bands(panels: Sequence[Panel], path: str | Path, title: str | None = None, note: str = "") -> Figure:
@@ -52,7 +54,7 @@ def draw_bands(panels: Sequence[Panel], path: str | Path, title: str | None = No
         OutputError: the place cannot be written to.
     """
     labels = list(panels[0].bands)
-    figure = page(PANEL_WIDTH * len(panels), HEIGHT + 0.25 * ((len(labels) - 1) // KEY_COLUMNS))
+    figure = page(max(PANEL_WIDTH * len(panels), WIDTH), HEIGHT + 0.25 * ((len(labels) - 1) // KEY_COLUMNS))
     for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         _draw_panel(axes, panel)
     if note:
@@ -66,8 +68,10 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     for i, (x, band) in enumerate(panel.bands.values()):
         if not len(x):
             continue
-        axes.fill_between(x, band.low, band.high, color=colour(i), alpha=0.16, linewidth=0)
-        axes.plot(x, band.value, marker="o" if len(x) < FEW_POINTS else "", markersize=4, **line(i))
+        step: Literal["post"] | None = "post" if panel.stepped else None
+        axes.fill_between(x, band.low, band.high, step=step, color=colour(i), alpha=0.16, linewidth=0)
+        drawn = "steps-post" if panel.stepped else "default"
+        axes.plot(x, band.value, marker="o" if len(x) < FEW_POINTS else "", markersize=4, drawstyle=drawn, **line(i))
     axes.set_xlabel(panel.xlabel)
     axes.set_ylabel(panel.ylabel)
     axes.set_ylim(panel.low, panel.high)

@@ -10,9 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
+from freemesh_ray.colours import INK
 from freemesh_ray.plots.page import WIDTH, page, save
-from freemesh_ray.plots.series import MUTED, colour, key, plain
+from freemesh_ray.plots.series import MUTED, key, plain
 from freemesh_ray.statistics.bootstrap import Interval
+
+#: By what pairs are compared; no colours, which stand for variants elsewhere.
+SHADES, MARKS = (INK, "#8a8a8a"), "oD"
 
 
 class Pair(NamedTuple):
@@ -20,7 +24,7 @@ class Pair(NamedTuple):
 
     Attributes:
         x, y: labels.
-        intervals: by what they are compared -> P(X > Y); the same keys for every pair where there is a value.
+        intervals: by what they are compared -> P(X > Y); one or two, the same for all pairs.
     """
 
     x: str
@@ -48,8 +52,8 @@ def draw_improvements(pairs: Sequence[Pair], path: str | Path, title: str | None
         rows = [(row, pair.intervals[by]) for row, pair in enumerate(pairs) if by in pair.intervals]
         places = [row + 0.3 * (i - 0.5 * (len(kinds) - 1)) for row, _ in rows]
         axes.hlines(places, [band.low for _, band in rows], [band.high for _, band in rows],
-                    color=colour(i), alpha=0.35, linewidth=6)  # fmt: skip
-        marks += axes.plot([band.value for _, band in rows], places, "o", color=colour(i), markersize=5, label=by)
+                    color=SHADES[i], alpha=0.35, linewidth=6)  # fmt: skip
+        marks += axes.plot([band.value for _, band in rows], places, MARKS[i], color=SHADES[i], markersize=5, label=by)
     axes.set_xlim(-0.02, 1.02)
     axes.set_ylim(len(pairs) - 0.4, -0.6)
     axes.set_yticks(range(len(pairs)), [pair.x for pair in pairs])

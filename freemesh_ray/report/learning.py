@@ -68,6 +68,11 @@ class Learning:
         """Whether its figures are of trainings that are not finished."""
         return any(not trial.finished for trial in self.used)
 
+    @property
+    def under_way(self) -> bool:
+        """Whether trials may still add to its figures."""
+        return any(trial.under_way for trial in self.trials)
+
     def mean_over_training(self) -> Floats:
         """(n,) each seed's mean return over its training: the area under its curve by its span."""
         return np.array([mean_over_training(*trial.curve(RETURN)) for trial in self.used])

@@ -50,7 +50,8 @@ def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
     """Share of runs and domains above every score."""
     panel = Panel(
         {label: (THRESHOLDS, profile) for label, profile in found.items()},
-        "score τ: element quality, 0 where not completed", "share of runs × domains with a score above τ", -0.02, 1.02,
+        "score τ: element quality, 0 where not completed", "share of runs and domains above τ", -0.02, 1.02,
+        stepped=True,
     )  # fmt: skip
     note = "band: 95 % bootstrap interval"
     return both(folder, "profile", lambda path: draw_bands([panel], path, "Performance profile", note))

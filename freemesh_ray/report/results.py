@@ -54,6 +54,11 @@ class Trial:
         """Whether it took its whole budget."""
         return self.status == "finished"
 
+    @property
+    def under_way(self) -> bool:
+        """Whether it may still add to the results."""
+        return self.status in ("running", "pending")
+
     @cached_property
     def evaluations(self) -> list[dict[str, Any]]:
         """One entry an evaluation, in the order of their steps; a line that a kill cut short is left out."""
@@ -140,7 +145,7 @@ class Results:
     @property
     def unfinished(self) -> list[Trial]:
         """Trials that may still add to the results."""
-        return [trial for trial in self.trials if trial.status in ("running", "pending")]
+        return [trial for trial in self.trials if trial.under_way]
 
     def of(self, label: str) -> list[Trial]:
         """The trials of a variant."""

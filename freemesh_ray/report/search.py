@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,7 +73,7 @@ def section(found: Ranked, picture: Picture, results: Results) -> str:
         told += f" The default is number {found.default + 1} of {total}, with {usual:.1f}."
     parts.append(told)
     if best.settings:
-        sets = " ".join(f"--set {name}={value}" for name, value in best.settings.items())
+        sets = " ".join(f"--set {shlex.quote(f'{name}={value}')}" for name, value in best.settings.items())
         parts.append(f"The best settings:\n\n```\n{sets}\n```")
     if drawn(found):
         parts.append(picture("settings", "final return against each setting that was searched"))

@@ -19,7 +19,7 @@ from freemesh_ray.report.results import Results, Trial
 from freemesh_ray.report.transfer import KINDS, Transfer
 from freemesh_ray.report.wording import bracketed, cell, count, hours, span, spread, thousands
 from freemesh_ray.statistics.curves import LAST
-from freemesh_ray.statistics.improvement import SIGNIFICANT
+from freemesh_ray.statistics.improvement import SIGNIFICANT, Verdict
 from freemesh_ray.table import markdown
 
 #: From a picture's name and description to its place in the text.
@@ -47,7 +47,7 @@ def opening(results: Results) -> str:
 
 def expectations(outcomes: Sequence[Outcome]) -> str:
     """The paper's expectations and what came out."""
-    tally = Counter(str(outcome.verdict) for outcome in outcomes)
+    tally = Counter(outcome.verdict for outcome in outcomes)
     rows = []
     for outcome in outcomes:
         found = outcome.comparison
@@ -56,7 +56,7 @@ def expectations(outcomes: Sequence[Outcome]) -> str:
             continue
         rows.append([str(outcome.expectation), f"{found.runs[0]} / {found.runs[1]}", probability(found),
                      f"{found.chance:.3f}", f"**{outcome.verdict}**"])  # fmt: skip
-    told = ", ".join(f"{number} {said}" for said, number in tally.items())
+    told = ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said])
     table = markdown(["expected, by the final return", "seeds", "P(X > Y) [95 %]", "chance", "verdict"], rows)
     return (
         f"## What the paper expects\n\n{told}.\n\n{table}\n\n"
