@@ -163,6 +163,15 @@ def test_pairs_are_all_compared_the_better_first(finished: Path):
     assert all(float(line["by_score_low"]) <= float(line["by_score"]) <= float(line["by_score_high"]) for line in found)
 
 
+def test_of_many_pairs_those_of_the_best_variant_are_shown(tmp_path: Path):
+    ends = {f"V{i}": (10.0 * i, 3e4) for i in range(1, 8)}
+    text = write(algorithms(tmp_path / "many", ends, SEEDS[:2], domains=[])).read_text()
+    shown = re.findall(r"^\| (V\d) > (V\d) ", text, re.MULTILINE)
+    assert [x for x, _ in shown] == ["V7"] * 6
+    assert "All 21 pairs are in comparisons.csv." in text
+    assert len(lines(tmp_path / "many" / "report" / "comparisons.csv")) == 21
+
+
 def test_the_same_study_gives_the_same_report(finished: Path, tmp_path: Path):
     write(finished, out=tmp_path, episodes=2)
     for file in tmp_path.iterdir():
@@ -175,7 +184,8 @@ def test_the_same_study_gives_the_same_report(finished: Path, tmp_path: Path):
 def test_failed_trials_are_counted_told_and_left_out(small: Path):
     change(small, 1, status="failed", error="ValueError: action 3 | is\nnot finite")
     text = write(small).read_text()
-    assert "1 failed (see Trials)" in text
+    assert "Of 6 trials: 1 failed, left out of all figures (see Trials)." in text
+    assert "Figures are of finished trials" in text
     assert "- A, seed 567: ValueError: action 3 \\| is not finite" in text
     assert next(row for row in cells(text, "A") if "of" in row[1])[1] == "2 of 3"
     assert cells(text, "A > B")[0][-1] == "**undecided**"  # two seeds against three can decide nothing
@@ -211,6 +221,7 @@ def test_one_seed_has_no_interval(tmp_path: Path):
     folder = algorithms(tmp_path / "one", {"A": (60.0, 30e3), "B": (10.0, 30e3)}, [5], domains=[], expects=["A > B"])
     text = write(folder).read_text()
     assert "(1 seed: no interval)" in text
+    assert "## Pair by pair" not in text
     assert cells(text, "A > B")[0][-1] == "**undecided**"
     own = [line for line in lines(folder / "report" / "curves.csv") if line["variant"] == "A"]
     assert all(line["low"] == line["iqm"] == line["high"] for line in own)
@@ -349,6 +360,15 @@ def test_a_variant_has_its_colour_in_every_panel_even_without_values(tmp_path: P
     assert left.lines[0].get_color() == right.lines[1].get_color() != right.lines[0].get_color()
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
     assert figure.legends[0].get_title().get_text() == "Title"
+
+
+def test_a_key_is_read_row_by_row(tmp_path: Path):
+    x = np.arange(3.0)
+    labels = [f"v{i}" for i in range(9)]
+    figure = draw_bands([Panel({label: (x, Interval(x, x, x)) for label in labels}, "x", "y")], tmp_path / "bands.svg")
+    figure.canvas.draw()
+    boxes = {text.get_text(): text.get_window_extent() for text in figure.legends[0].get_texts()}
+    assert sorted(boxes, key=lambda label: (-round(boxes[label].y0), boxes[label].x0)) == labels
 
 
 def test_improvements_are_drawn_from_the_top_down(tmp_path: Path):

@@ -13,11 +13,10 @@ from matplotlib.ticker import EngFormatter
 
 from envs.types import Floats
 from freemesh_ray.plots.page import WIDTH, page, save
-from freemesh_ray.plots.series import MUTED, colour, key, line, plain
+from freemesh_ray.plots.series import MUTED, colour, key, key_rows, line, plain
 from freemesh_ray.statistics.bootstrap import Interval
 
 PANEL_WIDTH, HEIGHT = 5.2, 4.3  # inches
-KEY_COLUMNS = 6
 #: Beyond so many points a line is smooth to the eye without marks.
 FEW_POINTS = 4
 
@@ -54,12 +53,12 @@ def draw_bands(panels: Sequence[Panel], path: str | Path, title: str | None = No
         OutputError: the place cannot be written to.
     """
     labels = list(panels[0].bands)
-    figure = page(max(PANEL_WIDTH * len(panels), WIDTH), HEIGHT + 0.25 * ((len(labels) - 1) // KEY_COLUMNS))
+    figure = page(max(PANEL_WIDTH * len(panels), WIDTH), HEIGHT + 0.25 * (key_rows(len(labels)) - 1))
     for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         _draw_panel(axes, panel)
     if note:
         figure.supxlabel(note, color=MUTED, fontsize=8)
-    key(figure, [Line2D([], [], label=label, **line(i)) for i, label in enumerate(labels)], title, KEY_COLUMNS)
+    key(figure, [Line2D([], [], label=label, **line(i)) for i, label in enumerate(labels)], title)
     save(figure, path)
     return figure
 

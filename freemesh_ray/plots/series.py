@@ -15,6 +15,14 @@ from freemesh_ray.colours import INK, SERIES
 LINES = ("-", "--", ":", "-.")
 GRID, MUTED = "#dddddd", "#666666"
 
+#: Entries of a key side by side at most.
+KEY_COLUMNS = 6
+
+
+def key_rows(entries: int) -> int:
+    """Rows that a key of so many entries takes."""
+    return -(-entries // KEY_COLUMNS)
+
 
 def colour(place: int) -> str:
     """The colour of the series in that place of the order."""
@@ -33,10 +41,12 @@ def plain(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def key(figure: Figure, handles: Sequence[Line2D], title: str | None, columns: int = 6) -> None:
-    """One key above all panels, below the title."""
+def key(figure: Figure, handles: Sequence[Line2D], title: str | None) -> None:
+    """One key above all panels, below the title, to be read row by row."""
+    columns = -(-len(handles) // key_rows(len(handles)))
+    ordered = [handle for column in range(columns) for handle in handles[column::columns]]  # filled column by column
     legend = figure.legend(
-        handles=handles, loc="outside upper center", ncols=min(columns, len(handles)), frameon=False, title=title,
+        handles=ordered, loc="outside upper center", ncols=columns, frameon=False, title=title,
         title_fontproperties={"weight": "bold", "size": 13},
     )  # fmt: skip
     legend.get_title().set_color(INK)

@@ -15,6 +15,9 @@ from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.statistics.improvement import Verdict, chance, improvement_interval, verdict
 
+#: More pairs than a reader takes in.
+MANY = 15
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -57,6 +60,12 @@ def compared(variants: Sequence[Learning], transfer: Transfer) -> list[Compariso
         (variant for variant in variants if final(variant).size), key=lambda variant: -float(variant.final.value)
     )
     return [compare(x, y, transfer) for x, y in combinations(ranked, 2)]
+
+
+def telling(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """What to show of all pairs: those of more than one run; where they are many, those of the best variant."""
+    found = [each for each in comparisons if max(each.runs) > 1]
+    return found if len(found) <= MANY else [each for each in found if each.x == comparisons[0].x]
 
 
 def compare(x: Learning, y: Learning, transfer: Transfer) -> Comparison:

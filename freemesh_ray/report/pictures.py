@@ -17,9 +17,8 @@ from freemesh_ray.statistics.bootstrap import Interval
 
 #: Scores at which profiles are taken.
 THRESHOLDS: Floats = np.linspace(0.0, 1.0, 101)
-#: Pairs that a picture has room for; the table has all.
-MOST_PAIRS = 15
 BANDS = "line: interquartile mean over seeds; band: 95 % bootstrap interval"
+ONE_SEED = "one seed each: no band"
 
 
 def both(folder: Path, name: str, draw: Callable[[Path], Figure]) -> Path:
@@ -42,7 +41,8 @@ def curves(folder: Path, variants: Sequence[Learning], title: str) -> Path:
         Panel(returns, steps, "mean return of an evaluation episode"),
         Panel(completion, steps, "completion rate", -0.02, 1.02),
     ]
-    note = f"{BANDS}; deterministic evaluation episodes"
+    several = any(len(variant.used) > 1 for variant in variants)
+    note = f"{BANDS if several else ONE_SEED}; deterministic evaluation episodes"
     return both(folder, "curves", lambda path: draw_bands(panels, path, title, note))
 
 
@@ -60,7 +60,7 @@ def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
 def improvement(folder: Path, comparisons: Sequence[Comparison]) -> Path:
     """Probability of improvement of the pairs."""
     pairs = []
-    for found in comparisons[:MOST_PAIRS]:
+    for found in comparisons:
         intervals = {"by final return": found.by_return}
         if found.by_score is not None:
             intervals["by score on the domains"] = found.by_score

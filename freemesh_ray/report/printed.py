@@ -15,8 +15,8 @@ from freemesh_ray.report.learning import RETURN, Learning
 DOMAIN, EPISODES = "T1", 10
 
 SEED = (
-    "One policy stands for each variant, as in the paper: of several seeds the one with the median final return "
-    "(of an even number the lower middle)"
+    "One policy stands for each variant: of several seeds the one with the median final return, of an even number the "
+    "lower middle"
 )
 
 

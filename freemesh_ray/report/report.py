@@ -12,7 +12,7 @@ from pathlib import Path
 
 from freemesh_ray.atomic import replacing
 from freemesh_ray.report import numbers, pictures, search, sections
-from freemesh_ray.report.comparisons import compared, outcomes
+from freemesh_ray.report.comparisons import compared, outcomes, telling
 from freemesh_ray.report.learning import halfway, learnt
 from freemesh_ray.report.printed import paper_table
 from freemesh_ray.report.results import Results, read
@@ -85,8 +85,8 @@ def trained(results: Results, out: Path, episodes: int, note: Callable[[str], No
     drawn = [pictures.curves(out, variants, results.title)]
     if moved.figures:
         drawn.append(profiles(out, results, moved))
-    if found:
-        drawn.append(pictures.improvement(out, found))
+    if shown := telling(found):
+        drawn.append(pictures.improvement(out, shown))
 
     def text(picture: Picture) -> tuple[list[str], list[str]]:
         main = [
@@ -94,8 +94,8 @@ def trained(results: Results, out: Path, episodes: int, note: Callable[[str], No
             sections.expectations(said) if said else "",
             sections.curves(variants, picture),
             f"## The paper's table\n\n{printed}" if printed else "",
-            sections.domains(variants, moved, picture) if results.domains else "",
-            sections.pairs(found, picture) if found else "",
+            sections.domains(variants, moved, episodes, picture) if results.domains else "",
+            sections.pairs(shown, len(found), picture) if shown else "",
             sections.what_was_run(results, moved.policies),
         ]
         return main, [sections.trials(results), sections.METHOD]

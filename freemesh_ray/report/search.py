@@ -80,7 +80,7 @@ def section(found: Ranked, picture: Picture, results: Results) -> str:
     rows = []
     for i, (trial, values) in enumerate(found.trials):
         name = f"**{cell(trial.label)}** (default)" if i == found.default else cell(trial.label)
-        own = [cell(str(value_of(trial, setting, results))) for setting in found.names]
+        own = [cell(shown(value_of(trial, setting, results))) for setting in found.names]
         cells = [number(values[key], form) for key, (_, form) in COLUMNS.items()]
         rows.append([f"{i + 1}", name, *own, *cells, f"{trial.env_steps:,}", trial.status])
     titles = [title for title, _ in COLUMNS.values()]
@@ -96,6 +96,11 @@ def section(found: Ranked, picture: Picture, results: Results) -> str:
 def value_of(trial: Trial, name: str, results: Results) -> Any:
     """What a trial's setting was: as it was searched, or as it is for all."""
     return trial.settings.get(name, trial.config.get(name, results.settings.get(name, "-")))
+
+
+def shown(value: Any) -> str:
+    """A setting's value in a table: numbers to four digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def drawn(found: Ranked) -> bool:

@@ -36,12 +36,12 @@ def opening(results: Results) -> str:
     if results.unfinished:
         told = ", ".join(f"{number} {status}" for status, number in statuses.items())
         lines.append(
-            f"**Not finished yet:** of {count(len(results.trials), 'trial')} {told}. Figures of a variant are of its "
-            "finished trials; where it has none, marked *, of those under way, and are provisional."
+            f"**Not finished yet:** of {count(len(results.trials), 'trial')} {told}. Figures and verdicts may change."
         )
     elif statuses["failed"] or statuses["stopped"]:
-        missing = " and ".join(f"{statuses[status]} {status}" for status in ("failed", "stopped") if statuses[status])
-        lines.append(f"Of {count(len(results.trials), 'trial')} {missing} (see Trials); failed ones are in no figure.")
+        reasons = {"failed": "failed, left out of all figures", "stopped": "stopped before the end of their budget"}
+        missing = "; ".join(f"{statuses[status]} {what}" for status, what in reasons.items() if statuses[status])
+        lines.append(f"Of {count(len(results.trials), 'trial')}: {missing} (see Trials).")
     return "\n\n".join(lines)
 
 
@@ -75,8 +75,9 @@ def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -
     """Trials, budget, machine and source."""
     trials = results.trials
     done = sum(trial.finished for trial in trials)
-    lines = [f"{count(len(trials), 'trial')}, {done} of them finished: {count(len(results.variants), 'variant')}"
-             + (f", seeds {', '.join(map(str, results.seeds))}" if results.seeds else "")]  # fmt: skip
+    lines = [f"{count(len(trials), 'trial')}, {done} of them finished"]
+    if not results.search:
+        lines[0] += f": {count(len(results.variants), 'variant')}, seeds {', '.join(map(str, results.seeds))}"
     if budget := settings(trials, "budget.env_steps"):
         lines.append(f"budget {span(min(budget), max(budget), ',.0f')} env steps a trial{shorter(budget, trials)}")
     if updates := settings(trials, "learner.updates_per_step"):
@@ -134,19 +135,22 @@ def curves(variants: Sequence[Learning], picture: Picture) -> str:
         ]
         for variant in variants
     ]
+    partly = ""
+    if any(len(variant.used) < len(variant.trials) or variant.provisional for variant in variants):
+        partly = " Figures are of finished trials; *: none is finished, of those that were begun, provisional."
     return (
         f"## Learning\n\n{picture('curves', 'return and completion rate against environment steps')}\n\n"
         f"{markdown(header, rows)}\n\n"
         f"Of deterministic evaluation episodes, where nothing else is said; ± is the deviation over seeds. A seed's "
         f"final figure is the mean of its last {LAST} evaluations. IQM: interquartile mean over seeds, with its 95 % "
         f"bootstrap interval. Steps: until the IQM curve first reaches a return of {threshold:.1f}, half-way from the "
-        "first evaluations to the best variant's final IQM; in brackets the seeds that do and when."
+        f"first evaluations to the best variant's final IQM; in brackets the seeds that do and when.{partly}"
     )
 
 
 def mark(variant: Learning) -> str:
     """A variant's label, with a star where its figures are provisional."""
-    return f"{variant.label}*" if variant.provisional else variant.label
+    return cell(f"{variant.label}*" if variant.provisional else variant.label)
 
 
 def reached(variant: Learning, threshold: float) -> str:
@@ -154,22 +158,25 @@ def reached(variant: Learning, threshold: float) -> str:
     if not variant.used or math.isnan(threshold):
         return "-"
     curve, each = variant.steps_to(threshold)
+    if len(each) == 1:
+        return "never" if curve is None else thousands(curve)
     known = [steps for steps in each if steps is not None]
     when = f": {span(min(known) / 1000, max(known) / 1000, ',.0f')}k" if known else ""
     return f"{'never' if curve is None else thousands(curve)} ({len(known)} of {len(each)}{when})"
 
 
-def domains(variants: Sequence[Learning], transfer: Transfer, picture: Picture) -> str:
+def domains(variants: Sequence[Learning], transfer: Transfer, episodes: int, picture: Picture) -> str:
     """Every policy on every domain."""
-    parts = [f"## On {count(len(transfer.domains), 'domain')}"]
+    parts = [f"## Every policy on {count(len(transfer.domains), 'domain')}"]
     if transfer.domains and transfer.policies:
         parts.append(picture("profile", "share of runs and domains above a score"))
         parts += [domain_table(variants, transfer, kind) for kind in KINDS]
         parts.append(
-            "Completion rate, and mean element quality eta of the cut elements, of each trial's best policy: mean ± "
-            "deviation over seeds. Deterministic: the policy's mean action, drawn only after a rejected one; "
-            "stochastic: every action drawn. Score, in [0, 1]: mean over episodes of eta, 0 where the mesh is not "
-            "complete; its line is the IQM over seeds and domains with the 95 % bootstrap interval."
+            "Completion rate, and mean element quality eta of the cut elements, of each trial's best policy, in "
+            f"{count(episodes, 'episode')} on each domain: mean ± deviation over seeds. Deterministic: the policy's "
+            "mean action, drawn only after a rejected one; stochastic: every action drawn. Score, in [0, 1]: mean over "
+            "episodes of eta, 0 where the mesh is not complete; its line is the IQM over seeds and domains with the "
+            "95 % bootstrap interval."
         )
     if transfer.skipped:
         parts.append("Left out:\n\n" + "\n".join(f"- {name}: {why}" for name, why in transfer.skipped.items()))
@@ -192,11 +199,12 @@ def domain_table(variants: Sequence[Learning], transfer: Transfer, kind: str) ->
 
 def both(done: Floats, eta: Floats) -> str:
     """Completion rate and quality in one cell."""
-    return f"{np.mean(done):.0%}, {spread(eta, '.3f')}"
+    return f"{100 * np.mean(done):.0f} %, {spread(eta, '.3f')}"
 
 
-def pairs(comparisons: Sequence[Comparison], picture: Picture) -> str:
-    """All variants against each other."""
+def pairs(comparisons: Sequence[Comparison], every: int, picture: Picture) -> str:
+    """Variants against each other; ``every`` is how many pairs there are."""
+    fewer = f" All {every} pairs are in comparisons.csv." if len(comparisons) < every else ""
     rows = [
         [
             cell(f"{found.x} > {found.y}"),
@@ -212,7 +220,7 @@ def pairs(comparisons: Sequence[Comparison], picture: Picture) -> str:
         f"## Pair by pair\n\n{picture('improvement', 'probability of improvement, pair by pair')}\n\n"
         f"{markdown(header, rows)}\n\nProbability that a run of X beats a run of Y, ties counting half; the variant "
         "with the higher final IQM stands first. Chance: how often equal variants would come out in this order by the "
-        "final return, as clearly or more (permutation test, one-sided)."
+        f"final return, as clearly or more (permutation test, one-sided).{fewer}"
     )
 
 
@@ -223,8 +231,11 @@ def trials(results: Results) -> str:
          f"`{trial.run.path.name}`"]
         for trial in results.trials
     ]  # fmt: skip
-    parts = ["## Trials", markdown(["variant", "seed", "status", "env steps", "time", "run"], rows)]
-    if differing := differences(results.variants):
+    parts = [
+        "## Trials",
+        markdown(["trial" if results.search else "variant", "seed", "status", "env steps", "time", "run"], rows),
+    ]
+    if not results.search and (differing := differences(results.variants)):
         parts.append(differing)
     failed = [trial for trial in results.trials if trial.error]
     if failed:
