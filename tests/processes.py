@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Self
 
 ROOT = Path(__file__).parents[1]
-#: MLflow without reports to its makers.
-QUIET: Mapping[str, str] = {"MLFLOW_DISABLE_TELEMETRY": "true", "DO_NOT_TRACK": "true"}
+#: MLflow without reports to its makers, and without the processes that run jobs for it.
+QUIET: Mapping[str, str] = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
 
 
 def free_port() -> int:
@@ -39,7 +39,7 @@ class Server:
             log: file that takes what it prints.
             environment: variables beside this process's own.
         """
-        self.url, self._ready, self._log = f"http://127.0.0.1:{port}", ready, log
+        self.url, self.log, self._ready = f"http://127.0.0.1:{port}", log, ready
         self._command, self._environment = [sys.executable, *arguments], environment
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -47,9 +47,9 @@ class Server:
         """Start it and wait until it answers."""
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # MLflow starts uvicorn by its name
         variables = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)} | self._environment
-        with self._log.open("ab") as log:
+        with self.log.open("ab") as log:
             self._process = subprocess.Popen(
-                self._command, env=variables, stdout=log, stderr=log, start_new_session=True, cwd=self._log.parent
+                self._command, env=variables, stdout=log, stderr=log, start_new_session=True, cwd=self.log.parent
             )
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline and self._process.poll() is None:
@@ -59,7 +59,7 @@ class Server:
             except OSError:
                 time.sleep(0.1)
         self.kill()
-        raise RuntimeError(f"{' '.join(self._command)} does not answer:\n{self._log.read_text()}")
+        raise RuntimeError(f"{' '.join(self._command)} does not answer:\n{self.log.read_text()}")
 
     def kill(self) -> None:
         """Kill it and its children, as a power cut would."""

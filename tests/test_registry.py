@@ -30,9 +30,10 @@ BOW_TIE = json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [2, 2], [2, 0]
 
 
 @pytest.fixture(scope="module")
-def filled(tmp_path_factory: pytest.TempPathFactory) -> str:
+def filled(blank_database: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     """A store with the model ``mesher``, its version 1 being ``best``."""
     folder = tmp_path_factory.mktemp("registry")
+    shutil.copy(blank_database, folder / "mlflow.db")
     uri = f"sqlite:///{folder / 'mlflow.db'}"
     with Run(folder / "run", uri=uri, experiment="test", name="study") as run:
         run.model(DEFAULT, name="mesher", tags={"study": "s", "algorithm": "sac", "seed": "0"}, description="all quads")
@@ -98,7 +99,8 @@ def test_a_policy_without_a_run_is_registered_once_too(uri: str):
     assert len(versions(uri, "lonely")) == 1
 
 
-def test_a_model_told_without_a_store_is_delivered_later_and_once(tmp_path: Path):
+def test_a_model_told_without_a_store_is_delivered_later_and_once(tmp_path: Path, blank_database: Path):
+    shutil.copy(blank_database, tmp_path / "mlflow.db")
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
     policy = Path(shutil.copy(DEFAULT, tmp_path / "policy.npz"))
     with Run(tmp_path / "run", uri=REFUSING, experiment="test", name="study") as run:

@@ -60,7 +60,8 @@ class Run:
             name: the run's name.
             params: dotted key -> scalar; one that changed since the run began becomes a tag ``resumed.<key>``.
             tags: beside the git commit and the versions of `provenance`.
-            parent: `Run.id` of the run, in the same experiment, that this one belongs to; kept by a run taken up again.
+            parent: `Run.id` of the run, in the same experiment, that this one belongs to; None: a run taken up again
+                keeps its own.
             run_id: MLflow id of the run to take up again.
             resume: take up again the last run of ``folder``, whether or not its store was ever reached.
             enabled: False: a run that does nothing.
