@@ -28,14 +28,6 @@ from freemesh_ray.tracking.journal import Journal
 REFUSING = "http://127.0.0.1:9"
 
 
-@pytest.fixture(scope="session")
-def blank_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An MLflow database without runs; to copy it is much faster than to make one."""
-    path = tmp_path_factory.mktemp("store") / "mlflow.db"
-    store.mlflow_client()(f"sqlite:///{path}")
-    return path
-
-
 @pytest.fixture
 def uri(blank_database: Path, tmp_path: Path) -> str:
     shutil.copy(blank_database, tmp_path / "mlflow.db")

@@ -11,7 +11,7 @@ from typing import Any
 from ray.tune import Callback
 from ray.tune.experiment import Trial as TuneTrial
 
-from freemesh_ray.study.folder import Entry, StudyFolder
+from freemesh_ray.study.folder import OVER, Entry, StudyFolder
 from freemesh_ray.study.plan import Plan, Trial
 from freemesh_ray.study.trial_run import FINISHED
 from freemesh_ray.table import duration, number
@@ -101,7 +101,7 @@ class Board(Callback):
         )
 
     def _count(self) -> str:
-        over = sum(entry.status in ("finished", "stopped", "failed") for entry in self._entries.values())
+        over = sum(entry.status in OVER for entry in self._entries.values())
         return f"[{duration(time.monotonic() - self._began)}] {over}/{self._planned}"
 
     @staticmethod

@@ -66,11 +66,15 @@ def run(options: argparse.Namespace) -> int:
 
     with local_ray(study.settings_of_all()["runners"]["count"]):
         from freemesh_ray.algorithms.build import build
+        from freemesh_ray.report.report import write
         from freemesh_ray.study.running import run as run_study
+
+        def report(folder: Path) -> list[Path]:
+            return sorted(write(folder).parent.iterdir())
 
         print(_opening(study), flush=True)
         try:
-            studied = run_study(study, resume=options.resume, make=build)
+            studied = run_study(study, resume=options.resume, make=build, report=report)
         except KeyboardInterrupt:
             print(f"`freemesh study {options.study} --resume` goes on from the last checkpoints", file=sys.stderr)
             raise

@@ -24,6 +24,8 @@ from freemesh_ray.runs import RunError
 
 #: What a trial can be. ``stopped``: by a scheduler, before its budget.
 STATUSES = ("pending", "running", "finished", "stopped", "failed")
+#: Of trials that are not run any more.
+OVER = ("finished", "stopped", "failed")
 
 
 @dataclass

@@ -21,7 +21,7 @@ from freemesh_ray.provenance import source
 from freemesh_ray.study import search
 from freemesh_ray.study.board import Board, name_of
 from freemesh_ray.study.definition import Study
-from freemesh_ray.study.folder import Entry, StudyFolder
+from freemesh_ray.study.folder import OVER, Entry, StudyFolder
 from freemesh_ray.study.plan import Drawn, Plan, Variants, variants
 from freemesh_ray.study.trial_run import TrialRun, finished
 from freemesh_ray.tracking import Run, share
@@ -50,14 +50,12 @@ class Studied:
         entries: its trials.
         best: the one with the best policy; None when none came to its end.
         score: of that policy.
-        over: whether no trial is left to run.
     """
 
     folder: StudyFolder
     entries: list[Entry]
     best: Entry | None
     score: float
-    over: bool
 
 
 def plan_of(study: Study) -> tuple[StudyFolder, Plan, list[Entry]]:
@@ -117,15 +115,14 @@ def run(
         planned = study.search.trials if study.search else len(entries)
         if sum(entry.status in ("finished", "stopped") for entry in entries) < planned:
             entries = tuned(study, folder, plan, entries, planned, make, parent.id)
-        over = not any(entry.status in ("pending", "running") for entry in entries)
-        if not over:
+        if sum(entry.status in OVER for entry in entries) < planned:
             raise KeyboardInterrupt
         best, score = champion(folder, entries, study.metric)
         if best is not None:
             register(parent, study, folder, best, score)
         for path in [folder.trials, *(report(folder.path) if report else [])]:
             parent.artifact(path, "report" if path.parent == folder.report else None)
-    return Studied(folder, entries, best, score, over)
+    return Studied(folder, entries, best, score)
 
 
 def merged(planned: list[Entry], before: list[Entry]) -> list[Entry]:
@@ -144,7 +141,7 @@ def publish(
     study: Study, folder: Path, plan: Variants, entries: list[Entry], tracking: Mapping[str, Any], parent: str | None
 ) -> None:
     """Show what was found finished among this study's runs in the tracking store, too."""
-    if not tracking["enabled"]:
+    if not tracking["enabled"] or parent is None:
         return
     for entry in entries:
         if entry.shared:
@@ -156,6 +153,7 @@ def publish(
                 name=trial.name,
                 tags={**tags(trial.config), "study": study.name, "variant": trial.label},
                 parent=parent,
+                into=folder,
             )
 
 

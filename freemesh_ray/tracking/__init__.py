@@ -1,4 +1,4 @@
-"""MLflow tracking that training never waits for and never fails by; the only package that imports MLflow.
+"""MLflow tracking that training never waits for and never fails by; beside `served`, the one place to import MLflow.
 
 What a run has to say is first appended, as JSON lines, to a journal in the run's folder; a thread of its own delivers
 the journal to the store in batches:
@@ -12,12 +12,13 @@ time stamp, and MLflow stores equal entries once. The journal is locked while it
 of a process that was killed, which is how a later start tells a dead run (and marks it FAILED) from one still at work.
 
 A study is one run with a child for each trial. A child names its parent by the parent's `Run.id`, which is known before
-any store was reached; its journal waits until the parent is in the store.
+any store was reached; its journal waits until the parent is in the store. A policy is registered the same way.
 """
 
+from freemesh_ray.tracking.registry import register
 from freemesh_ray.tracking.run import Run, Status
 from freemesh_ray.tracking.sharing import share
 from freemesh_ray.tracking.store import TrackingError, absolute
 from freemesh_ray.tracking.syncing import sync
 
-__all__ = ["Run", "Status", "TrackingError", "absolute", "share", "sync"]
+__all__ = ["Run", "Status", "TrackingError", "absolute", "register", "share", "sync"]

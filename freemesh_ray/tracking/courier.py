@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from freemesh_ray.tracking import registry
 from freemesh_ray.tracking.journal import Event, Journal, now, said
 from freemesh_ray.tracking.store import (
     METRICS_PER_BATCH,
@@ -103,6 +104,8 @@ class Courier:
                 self._start(events[0])
             case "artifact":
                 self._artifact(events[0])
+            case "model":
+                self._model(events[0])
             case "end":
                 event = events[0]
                 with unless_refused("the end of the run"):
@@ -177,6 +180,15 @@ class Courier:
         except Exception as error:
             client.get_run(run_id)  # raises when the store as a whole is away: the artifact then waits with the rest
             log.warning("tracking: %s was not uploaded (%s)", path, brief(error))
+
+    def _model(self, event: Event) -> None:
+        client, policy = self._store(), Path(event["path"])
+        if not policy.is_file():
+            log.warning("tracking: %s was not registered (it is gone)", policy)
+            return
+        what = {key: event[key] for key in ("mark", "name", "alias", "tags", "description")}
+        with unless_refused("a model"):
+            registry.add_version(client, policy, client.get_run(self.journal.state.run_id), **what)
 
     def _store(self) -> Any:
         """The client, connected at first use."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import platform
+import shutil
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,9 +13,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
+from freemesh_ray.atomic import replacing
 from freemesh_ray.provenance import provenance
 from freemesh_ray.tracking.courier import Courier, ParentAwayError
 from freemesh_ray.tracking.journal import Event, Journal, State, latest, said
+from freemesh_ray.tracking.registry import commit, fingerprint
 from freemesh_ray.tracking.store import VALUE_LENGTH, absolute, accepted_key, brief, mlflow_client
 
 log = logging.getLogger(__name__)
@@ -57,7 +60,8 @@ class Run:
             name: the run's name.
             params: dotted key -> scalar; one that changed since the run began becomes a tag ``resumed.<key>``.
             tags: beside the git commit and the versions of `provenance`.
-            parent: `Run.id` of the run, in the same experiment, that this one belongs to; kept by a run taken up again.
+            parent: `Run.id` of the run, in the same experiment, that this one belongs to; None: a run taken up again
+                keeps its own.
             run_id: MLflow id of the run to take up again.
             resume: take up again the last run of ``folder``, whether or not its store was ever reached.
             enabled: False: a run that does nothing.
@@ -115,6 +119,30 @@ class Run:
         """Upload a file, or a directory's content, below ``folder``; it must stay where it is until it is delivered."""
         with _harmless("an artifact was not recorded"):
             self._say(said("artifact", path=str(Path(path).resolve()), folder=folder))
+
+    def model(
+        self,
+        policy: str | Path,
+        *,
+        name: str,
+        alias: str = "best",
+        tags: Mapping[str, str] | None = None,
+        description: str = "",
+    ) -> None:
+        """Register a policy, once the store is there: see `register`. It is copied now, and may change afterwards."""
+        with _harmless("a model was not recorded"):
+            if self._courier is None:
+                return
+            import mlflow.pyfunc  # noqa: F401  here, not in the thread
+
+            journal = self._courier.journal
+            mark = fingerprint(policy, journal.id)
+            copy = journal.path.parent / "models" / f"{mark}.npz"
+            with replacing(copy) as draft:
+                shutil.copyfile(policy, draft)
+            everything = {**(tags or {}), **commit()}
+            what = {"name": name, "alias": alias, "tags": everything, "description": description}
+            self._say(said("model", path=str(copy), mark=mark, **what))
 
     def close(self, status: Status = "FINISHED") -> None:
         """End the run and deliver what is left; waits for ``flush_seconds`` at most. What remains is left to `sync`."""

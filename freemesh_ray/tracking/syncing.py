@@ -37,8 +37,8 @@ def sync(folder: str | Path, uri: str | None = None) -> int:
             except ParentAwayError as error:
                 orphans.append((path, str(error)))
         if len(orphans) == len(waiting):
-            for path, reason in orphans:
-                log.warning("tracking: %s is left as it is: %s", path, reason)
+            for path, why in orphans:
+                log.warning("tracking: %s is left as it is: %s", path, why)
             break
         waiting = [path for path, _ in orphans]
     return delivered
