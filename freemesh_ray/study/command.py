@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,7 +151,7 @@ def _closing(studied: Studied, study: Study) -> str:
     if studied.best is not None:
         best = studied.best
         lines.append(f"best    {best.label}, seed {best.seed}: {study.metric} {studied.score:.3f}")
-        lines.append(f"policy  {studied.folder.path / best.run / 'policy.npz'}")
+        lines.append(f"policy  {normpath(studied.folder.path / best.run / 'policy.npz')}")
     lines.append(f"report  {studied.folder.report / 'report.md'}")
     tracking = study.settings_of_all()["tracking"]
     if tracking["enabled"]:
