@@ -145,7 +145,10 @@ class Study:
                 **{key: getattr(self.search, key) for key in SEARCH},
                 "space": {key: {space.kind: list(space.values)} for key, space in self.search.space.items()},
             }
-        return {"study": about, "settings": common}
+        return {
+            "study": {key: value for key, value in about.items() if value not in ([], {}, None)},
+            "settings": common,
+        }
 
 
 def load(source: str | Path, sets: Sequence[str] = (), *, smoke: bool = False) -> Study:
