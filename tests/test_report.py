@@ -330,7 +330,7 @@ def search(folder: Path, default: bool = True) -> Path:
 
 def test_a_search_is_ranked_with_the_defaults_place(tmp_path: Path):
     text = write(search(tmp_path / "rates"), docs=tmp_path / "docs").read_text()
-    assert "The best of 5 trials is t2 with a final return of 50. The default is number 3 of 5, with 44.83." in text
+    assert "The best of 5 trials is t2 with a final return of 50. The default is number 3 of 5, with 44.77." in text
     assert "--set learner.learning_rate=0.001 --set 'learner.hidden=[128, 128, 128]'" in text
     assert "t9, seed 1: out of memory" in text
     ranks = lines(tmp_path / "rates" / "report" / "trials.csv")
