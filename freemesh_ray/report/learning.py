@@ -125,10 +125,12 @@ def centre(scores: Floats) -> Interval:
 
 
 def halfway(variants: Sequence[Learning]) -> float:
-    """The return that sample efficiency is measured at: midway from where training starts to the best variant's end.
+    """The return that sample efficiency is measured at: half the best variant's final interquartile mean.
 
-    The start is the mean of all seeds' first evaluations, the end the best final interquartile mean; NaN without any.
+    Where that is not above 0, midway to it from the mean of all seeds' first evaluations; NaN without any.
     """
     first = [float(trial.curve(RETURN)[1][0]) for variant in variants for trial in variant.used]
-    finals = [float(variant.final.value) for variant in variants if variant.used]
-    return 0.5 * (float(np.mean(first)) + max(finals)) if first else math.nan
+    if not first:
+        return math.nan
+    best = max(float(variant.final.value) for variant in variants if variant.used)
+    return 0.5 * (best + (0.0 if best > 0.0 else float(np.mean(first))))

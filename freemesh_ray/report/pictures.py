@@ -18,6 +18,8 @@ from freemesh_ray.statistics.bootstrap import Interval
 
 #: Scores at which profiles are taken.
 THRESHOLDS: Floats = np.linspace(0.0, 1.0, 101)
+#: Share of the training before which a policy has hardly learnt.
+UNTRAINED = 0.15
 BANDS = "line: interquartile mean over seeds; band: 95 % bootstrap interval"
 ONE_SEED = "one seed each: no band"
 
@@ -38,13 +40,31 @@ def curves(folder: Path, variants: Sequence[Learning], title: str) -> Path:
         for figure in (RETURN, COMPLETION)
     )
     steps = "environment steps"
+    low, below = bottom(list(returns.values()))
     panels = [
-        Panel(returns, steps, "mean return of an evaluation episode"),
+        Panel(returns, steps, "mean return of an evaluation episode", low),
         Panel(completion, steps, "completion rate", -0.02, 1.02),
     ]
     several = any(len(variant.used) > 1 for variant in variants)
-    note = f"{BANDS if several else ONE_SEED}; deterministic evaluation episodes"
+    note = f"{BANDS if several else ONE_SEED}; deterministic evaluation episodes{below}"
     return both(folder, "curves", lambda path: draw_bands(panels, path, title, note))
+
+
+def bottom(bands: Sequence[tuple[Floats, Interval]]) -> tuple[float | None, str]:
+    """Where the scale of returns begins, and a word on what lies below: policies hardly trained can be far below all.
+
+    None, and nothing to say, where that would spare less than half of the picture.
+    """
+    known = [(x, band) for x, band in bands if len(x)]
+    if not known:
+        return None, ""
+    learning = UNTRAINED * max(x[-1] for x, _ in known)
+    later = [(band.low[x >= learning], band.high[x >= learning]) for x, band in known]
+    low = min((float(lows.min()) for lows, _ in later if lows.size), default=0.0)
+    high = max((float(highs.max()) for _, highs in later if highs.size), default=0.0)
+    if min(float(band.low.min()) for _, band in known) > 2.0 * low - high:
+        return None, ""
+    return low - 0.1 * (high - low), "; returns of the first evaluations lie below"
 
 
 def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
