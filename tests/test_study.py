@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,8 +67,8 @@ def evaluated(folder: Path, name: str) -> list[list[int]]:
     return [[json.loads(line)["env_steps"] for line in path.read_text().splitlines()] for path in paths]
 
 
-def killed_when(path: Path, ready: object, pause: float = 0.1) -> None:
-    """Start a study and kill it, without warning, as soon as ``ready()``."""
+def killed_when(path: Path, ready: Callable[[], bool], how: signal.Signals = signal.SIGKILL, pause: float = 0.1) -> int:
+    """Start a study and end it by a signal as soon as ``ready()``; its exit code."""
     process = subprocess.Popen(
         command(path), cwd=path.parent, env=environment(path.parent, pause), stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -77,8 +78,8 @@ def killed_when(path: Path, ready: object, pause: float = 0.1) -> None:
         assert process.poll() is None, "it ended before it was killed"
         assert time.monotonic() < give_up
         time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.send_signal(how)
+    return process.wait(timeout=100)
 
 
 def test_what_a_study_has_trained_no_other_trains_again_and_a_failure_sinks_neither(tmp_path: Path) -> None:
@@ -102,7 +103,8 @@ def test_what_a_study_has_trained_no_other_trains_again_and_a_failure_sinks_neit
     assert later["fail 13/1"] == 3  # tried, and tried again twice
 
 
-def test_a_killed_study_goes_on_where_it_was(tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_study_goes_on_where_it_was(how: signal.Signals, tmp_path: Path) -> None:
     path = written(
         tmp_path, "killed", {"variants": {"small": {"learner.batch_size": 8}, "usual": None}, "seeds": [1, 2]}
     )
@@ -112,7 +114,7 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path: Path) -> None:
         saved = list((tmp_path / "studies" / "killed" / "tune").glob("*/checkpoint_*/progress.json"))
         return sum(status == "finished" for status in known.values()) >= 1 and len(saved) >= 2
 
-    killed_when(path, ready)
+    assert killed_when(path, ready, how) != 0
     finished = {name for name, status in statuses(tmp_path, "killed").items() if status == "finished"}
     before = Counter(log(tmp_path))
     run(path, "--resume")

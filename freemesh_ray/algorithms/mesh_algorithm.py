@@ -14,7 +14,7 @@ from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LI
 from envs.types import MeshingParameters
 from freemesh_ray.algorithms.env_runner import Episode, TransitionEnvRunner
 from freemesh_ray.curriculum import Curriculum
-from freemesh_ray.evaluate import evaluation_episodes, summary
+from freemesh_ray.evaluate import KINDS, evaluation_episodes, summary
 from freemesh_ray.policy import Policy
 
 
@@ -125,10 +125,12 @@ class MeshAlgorithm(Algorithm):
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
         return {
             kind: {
-                entry.name: summary(evaluation_episodes(policy, entry, episodes, stochastic=stochastic, seed=seed))
+                entry.name: summary(
+                    evaluation_episodes(policy, entry, episodes, stochastic=kind == "stochastic", seed=seed)
+                )
                 for entry in domains
             }
-            for kind, stochastic in (("deterministic", False), ("stochastic", True))
+            for kind in KINDS
         }
 
     def actor_weights(self) -> list[tuple[Any, Any]]:

@@ -88,6 +88,7 @@ class TrialRun(tune.Trainable):
         with replacing(trial.folder.config) as draft:
             draft.write_text(dump(trial.config))
         self._run.artifact(trial.folder.config)
+        self._drawn = {f"setting/{key}": value for key, value in trial.drawn.items() if isinstance(value, int | float)}
 
     def step(self) -> dict[str, Any]:
         """Train to the next evaluation; at the budget's end leave what `train` leaves."""
@@ -100,6 +101,8 @@ class TrialRun(tune.Trainable):
             training.folder.forget_after(-1)
         try:
             figures: dict[str, Any] = training.to_next_evaluation()
+            # Population based training changes settings on the way, which parameters cannot tell.
+            self._run.metrics(self._drawn, step=training.progress.env_steps)
             figures |= {key: getattr(training.progress, key) for key in ("env_steps", "updates", "seconds")}
             if training.done():
                 deliver(training)
