@@ -126,6 +126,7 @@ def test_episodes_are_put_together_from_the_pieces_of_several_rounds() -> None:
             ended.append(one)
     assert any(len(parts) > 1 for parts in pieces.values())
     assert ended
+    assert not algorithm.env_runner._done_episodes_for_metrics, "episodes pile up"
     assert all(one.elements > 0 or one.length >= 10 for one in ended)
     algorithm.stop()
 

@@ -129,6 +129,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         if task is not None:
             self.env.unwrapped.task.set(task)
         episodes = self.sample(num_timesteps=steps)
+        self.get_metrics()  # RLlib keeps every episode until it is asked for them
         ended: list[Episode] = []
         for episode in episodes:
             length, episode_return = self._begun.pop(episode.id_, (0, 0.0))
