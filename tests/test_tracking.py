@@ -84,6 +84,7 @@ def test_the_configuration_arrives_as_params_and_where_it_ran_as_tags(tmp_path: 
     assert data.params == {key: str(value)[:500] for key, value in params.items()}
     assert data.tags["study"] == "a"
     assert provenance().items() <= data.tags.items()
+    assert data.tags["commit"] == data.tags["mlflow.source.git.commit"]
 
 
 def test_artifacts_lie_beside_the_database(tmp_path: Path, uri: str):
