@@ -35,17 +35,22 @@ def save(algorithm: Checkpointed, progress: dict[str, Any], folder: Path, keep: 
     path = folder / f"step_{progress['env_steps']:09d}"
     partial = folder / f".partial_{path.name}"
     shutil.rmtree(partial, ignore_errors=True)
-    algorithm.save_to_path(str((partial / "algorithm").absolute()))
-    with open(partial / PROGRESS, "w") as file:
-        json.dump(progress, file, indent=1)
-        file.flush()
-        os.fsync(file.fileno())
+    write(algorithm, progress, partial)
     if path.exists():
         discard(path)
     os.rename(partial, path)
     for old in found(folder)[keep:]:
         discard(old)
     return path
+
+
+def write(algorithm: Checkpointed, progress: dict[str, Any], path: Path) -> None:
+    """Write a checkpoint into folder ``path``; its progress last, so that one without it is known to be cut short."""
+    algorithm.save_to_path(str((path / "algorithm").absolute()))
+    with open(path / PROGRESS, "w") as file:
+        json.dump(progress, file, indent=1)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def discard(path: Path) -> None:

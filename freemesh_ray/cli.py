@@ -12,6 +12,8 @@ from typing import NoReturn
 
 from freemesh_ray.compare import command as compare_command
 from freemesh_ray.paper_tables import command as paper_command
+from freemesh_ray.report import command as report_command
+from freemesh_ray.study import command as study_command
 
 # One thread a process: on few cores, processes that each start a thread a core slow each other down many times over.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -29,10 +31,12 @@ Reinforcement learning that meshes: an agent cuts one quadrilateral after anothe
 until nothing is left. All quads, the boundary kept exactly.
 
   freemesh train --config train_default.yaml      train over the curriculum T1 -> T2 -> T3
+  freemesh study algorithms                       many trainings, compared as the paper does
   freemesh mesh part.geojson -o part.inp          mesh a polygon
   freemesh domains                                what is there to mesh
   freemesh compare D7 D8 D9                       our meshes beside those of other meshers
   freemesh paper quality                          the paper's tables, measured anew
+  freemesh report algorithms                      a study's figure and table, with intervals
   freemesh bench                                  how fast it is here
 """
 
@@ -143,8 +147,10 @@ def parser() -> argparse.ArgumentParser:
         "domains", help="list the catalogue", description="List the domains that ship with the package."
     )
 
+    study_command.grammar(commands)
     compare_command.grammar(commands)
     paper_command.grammar(commands, whole)
+    report_command.grammar(commands, whole)
 
     bench = commands.add_parser(
         "bench", help="measure speeds on this machine", description="Measure environment, learner and sampling speed."
@@ -323,6 +329,6 @@ def sync(options: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "train": train, "mesh": mesh, "domains": domains, "compare": compare_command.run, "paper": paper_command.run,
-    "bench": bench, "sync": sync,
+    "train": train, "study": study_command.run, "report": report_command.run, "mesh": mesh, "domains": domains,
+    "compare": compare_command.run, "paper": paper_command.run, "bench": bench, "sync": sync,
 }  # fmt: skip

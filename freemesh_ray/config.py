@@ -68,7 +68,7 @@ COUNT = 10**12
 SCHEMA: dict[str, Field] = {
     "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
     "seed": Field(int, 0, 2**31 - 1),
-    "algorithm": Field(str, words=("sac",)),
+    "algorithm": Field(str, words=("sac", "td3", "ddpg", "ppo")),
     "env.observation": Field(str, words=tuple(OBSERVATIONS), optional=True),
     "env.radius": Field(str, words=tuple(RADII), optional=True),
     "env.n": Field(int, 1, 8),
@@ -100,6 +100,19 @@ SCHEMA: dict[str, Field] = {
     "learner.warmup_steps": Field(int, 1, 10**9),
     "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
     "sac.initial_alpha": Field(float, TINY, 1000),
+    "td3.exploration_noise": Field(float, 0, 1),
+    "td3.target_noise": Field(float, 0, 2),
+    "td3.target_noise_clip": Field(float, 0, 2),
+    "td3.policy_delay": Field(int, 1, 1000),
+    "ddpg.exploration_noise": Field(float, 0, 1),
+    "ppo.rollout_steps": Field(int, 1, 10**7),
+    "ppo.epochs": Field(int, 1, 1000),
+    "ppo.minibatch_size": Field(int, 1, 10**7),
+    "ppo.clip": Field(float, TINY, 1),
+    "ppo.gae_lambda": Field(float, 0, 1),
+    "ppo.entropy_coefficient": Field(float, 0, 100),
+    "ppo.value_coefficient": Field(float, 0, 100),
+    "ppo.max_grad_norm": Field(float, TINY, 10**9),
     "runners.count": Field(int, 0, 1024),
     "runners.envs_per_runner": Field(int, 1, 4096),
     "runners.fragment": Field(int, 1, 10**5),
@@ -115,6 +128,7 @@ SCHEMA: dict[str, Field] = {
     "tracking.experiment": Field(str),
     "tracking.enabled": Field(bool),
     "paths.runs": Field(str),
+    "paths.studies": Field(str),
 }  # fmt: skip
 
 #: Keys that stand for several: name -> the keys it sets. They act where they are written, so that a later layer, or a
@@ -127,7 +141,10 @@ SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
 }
 
 #: (smaller, larger): the first key's value is at most the second's.
-AT_MOST: tuple[tuple[str, str], ...] = (("learner.batch_size", "learner.buffer_size"),)
+AT_MOST: tuple[tuple[str, str], ...] = (
+    ("learner.batch_size", "learner.buffer_size"),
+    ("ppo.minibatch_size", "ppo.rollout_steps"),
+)
 
 SECTIONS = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))
 
@@ -161,6 +178,10 @@ class _Entry:
     place: str
 
 
+#: The settings of one file, one part of a file or one ``--set``; made by `file_layer`, `set_layer` and `tree_layer`.
+Layer = Sequence[_Entry]
+
+
 def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[str, Any]:
     """The defaults, overlaid by files and then by ``key=value`` strings, later ones winning.
 
@@ -174,9 +195,18 @@ def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[
     Raises:
         ConfigError: an unknown or repeated key, a wrong type or range, a missing, empty or invalid file.
     """
+    return resolve([*map(file_layer, overlays), *map(set_layer, sets)])
+
+
+def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
+    """The defaults, overlaid by layers, later ones winning: the tree as `load` returns it.
+
+    Raises:
+        ConfigError: a wrong type or range.
+    """
     settings: dict[str, Any] = {}
     places: dict[str, str] = {}  # where each key was set last
-    for layer in (_file("defaults"), *map(_file, overlays), *map(_set, sets)):
+    for layer in (file_layer("defaults"), *layers):
         checked = [(entry, _checked(entry)) for entry in layer]
         for entry, value in sorted(checked, key=lambda pair: pair[0].key not in SHORTHANDS):
             settings[entry.key] = value
@@ -192,6 +222,23 @@ def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[
             values = f"{small} = {settings[small]} is more than {large} = {settings[large]}"
             raise ConfigError(f"{places[last]}: {values}: lower it")
     return _nested({key: settings[key] for key in SCHEMA})
+
+
+def value_layer(values: Mapping[str, Any], place: str) -> Layer:
+    """Settings by dotted key, as an overlay; ``place`` is where they come from, for messages.
+
+    Raises:
+        ConfigError: an unknown key.
+    """
+    for key in values:
+        if key not in SCHEMA:
+            raise ConfigError(f"{place}: {key}: unknown key{_nearest(key)}")
+    return [_Entry(key, value, place) for key, value in values.items()]
+
+
+def values(layer: Layer) -> dict[str, Any]:
+    """What an overlay sets, by dotted key, as written."""
+    return {entry.key: entry.value for entry in layer}
 
 
 def dump(config: Mapping[str, Any]) -> str:
@@ -224,8 +271,18 @@ def _folder() -> Any:
     return resources.files("tune_configs")
 
 
-def _file(source: str | Path) -> list[_Entry]:
-    """The settings of one YAML file."""
+def file_layer(source: str | Path) -> Layer:
+    """The settings of one YAML file, as an overlay."""
+    name, root = document(source)
+    return tree_layer(root, name, 1)
+
+
+def document(source: str | Path) -> tuple[str, yaml.Node]:
+    """A YAML file's name and its tree; a bare name without suffix is a file that ships with the package.
+
+    Raises:
+        ConfigError: a missing, empty or invalid file.
+    """
     name = str(source)
     short = name.removesuffix(".yaml")
     bare = "/" not in name and not os.path.isfile(name) and (short in shipped() or not Path(name).suffix)
@@ -242,11 +299,20 @@ def _file(source: str | Path) -> list[_Entry]:
     root = _composed(text, name)
     if root is None:
         raise ConfigError(f"{name}:1: is empty: list the keys that differ from the defaults, or leave the file out")
-    return _unique(_entries(root, "", name, line=1))
+    return name, root
 
 
-def _set(text: str) -> list[_Entry]:
-    """The settings of one ``key=value`` string."""
+def tree_layer(node: yaml.Node, name: str, line: int) -> Layer:
+    """The settings of a YAML tree that begins on ``line`` of file ``name``, as an overlay.
+
+    Raises:
+        ConfigError: an unknown or repeated key.
+    """
+    return _unique(_entries(node, "", name, line))
+
+
+def set_layer(text: str) -> Layer:
+    """The settings of one ``key=value`` string, as an overlay."""
     key, equals, value = text.partition("=")
     place = f"--set {text}"
     if not equals or not key.strip():
@@ -284,8 +350,20 @@ def _entries(node: yaml.Node, key: str, place: str, line: int | None) -> Iterato
         raise ConfigError(f"{here}: {what}: write keys below it, for example {_example(key)}")
 
 
+def plain(node: yaml.Node, place: str) -> Any:
+    """The Python value of a node.
+
+    Raises:
+        ConfigError: it has none.
+    """
+    try:
+        return _Loader("").construct_object(node, deep=True)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{place}: has no value: {str(error).splitlines()[0]}") from error
+
+
 def _value(node: yaml.Node, key: str, place: str) -> Any:
-    """The Python value of a node."""
+    """The Python value of a node that stands at a key of the schema."""
     try:
         return _Loader("").construct_object(node, deep=True)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -320,12 +398,16 @@ def _example(key: str) -> str:
 
 
 def _checked(entry: _Entry) -> Any:
-    """The entry's value in its schema type.
+    """The entry's value in its schema type."""
+    return check(entry.value, SCHEMA[entry.key], entry.place, entry.key)
+
+
+def check(value: Any, field: Field, place: str, key: str) -> Any:
+    """The value as ``field`` takes it.
 
     Raises:
         ConfigError: the value is of another type or out of range.
     """
-    field, value = SCHEMA[entry.key], entry.value
     try:
         if value is None and field.optional:
             return None
@@ -338,7 +420,7 @@ def _checked(entry: _Entry) -> Any:
     except (ValueError, OverflowError):
         pass
     quote = ": put it in quotes" if field.kind is str and isinstance(value, int | float) else ""
-    raise ConfigError(f"{entry.place}: {entry.key}: must be {field}, not {_shown(value)}{quote}")
+    raise ConfigError(f"{place}: {key}: must be {field}, not {_shown(value)}{quote}")
 
 
 def _fitted(value: Any, field: Field) -> Any:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from envs.types import Domain
-from freemesh_ray.table import number, table
+from freemesh_ray.table import duration, number, table
 
 if TYPE_CHECKING:  # a mesh needs no training
     from freemesh_ray.api import Mesh
@@ -24,15 +24,6 @@ REMEDIES = ("next vertex", "wide", "filled")
 
 #: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
 LOG_INTERVAL = 15.0
-
-
-def duration(seconds: float) -> str:
-    """1:05 or 1:02:05; a dash when unknown."""
-    if not math.isfinite(seconds):
-        return "-"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
 class Progress:

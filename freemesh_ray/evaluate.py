@@ -40,6 +40,10 @@ class Evaluated:
         return self.steps - len(self.mesh.quads) + int(self.completed)
 
 
+#: Ways of acting that are evaluated: the squashed mean, and draws.
+KINDS = ("deterministic", "stochastic")
+#: What `summary` tells.
+FIGURES = ("return", "completion_rate", "elements", "element_quality", "score", "invalid")
 #: Domains that an endless supply is evaluated on.
 HELD_OUT_DOMAINS = 40
 
@@ -87,11 +91,16 @@ def evaluation_episodes(
 
 
 def summary(results: list[Evaluated]) -> dict[str, float]:
-    """Means over episodes: return, completion rate, elements, element quality, invalid actions."""
+    """Means over episodes: return, completion rate, elements, element quality, score, invalid actions.
+
+    The score is the element quality of a completed mesh, and 0 where the mesh was not completed: a figure in [0, 1]
+    that does not depend on how the reward is weighted.
+    """
     return {
         "return": float(np.mean([result.episode_return for result in results])),
         "completion_rate": float(np.mean([result.completed for result in results])),
         "elements": float(np.mean([len(result.mesh.quads) for result in results])),
         "element_quality": float(np.mean([result.mean_eta for result in results])),
+        "score": float(np.mean([result.mean_eta * result.completed for result in results])),
         "invalid": float(np.mean([result.invalid for result in results])),
     }

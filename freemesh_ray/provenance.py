@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 import subprocess
 from importlib.metadata import PackageNotFoundError, version
@@ -23,6 +24,17 @@ def provenance() -> dict[str, str]:
         changed = _git("status", "--porcelain", "--untracked-files=no")
         tags["mlflow.source.git.commit"] = f"{commit}-dirty" if changed else commit
     return tags
+
+
+def source() -> str:
+    """What runs: the commit, with a digest of the changes since; outside a repository a digest of the source files."""
+    folder = Path(__file__).parent.parent
+    commit = _git("rev-parse", "HEAD") if _git("ls-files", Path(__file__).name) else ""
+    if commit:
+        changes = _git("diff", "HEAD")
+        return f"{commit}-{hashlib.sha256(changes.encode()).hexdigest()[:12]}" if changes else commit
+    files = [path for package in ("envs", "freemesh_ray") for path in sorted((folder / package).rglob("*.py"))]
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()
 
 
 def _git(*arguments: str) -> str:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns aligned: the first to the left, the others to the right."""
-    return "\n".join("  ".join(line).rstrip() for line in aligned([header, *rows]))
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
+    """Columns aligned: those numbered in ``left`` to the left, the others to the right."""
+    return "\n".join("  ".join(line).rstrip() for line in aligned([header, *rows], left=left))
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -20,13 +20,22 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([head, f"|{rule}|", *body])
 
 
-def aligned(lines: Sequence[Sequence[str]], least: int = 0) -> list[list[str]]:
-    """Cells filled up to the width of their column, at least ``least``: the first to the left, others to the right."""
+def aligned(lines: Sequence[Sequence[str]], least: int = 0, left: Sequence[int] = (0,)) -> list[list[str]]:
+    """Cells filled up to the width of their column, at least ``least``, on the left of the columns in ``left``."""
     widths = [max(least, *map(len, column)) for column in zip(*lines, strict=True)]
-    sides = "<" + ">" * len(widths)
-    return [[f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=False)] for line in lines]
+    sides = ["<" if i in left else ">" for i in range(len(widths))]
+    return [[f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=True)] for line in lines]
 
 
 def number(value: float, form: str) -> str:
     """The value in the given format; a dash when there is none."""
     return format(value, form) if math.isfinite(value) else "-"
+
+
+def duration(seconds: float) -> str:
+    """1:05 or 1:02:05; a dash when unknown."""
+    if not math.isfinite(seconds):
+        return "-"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

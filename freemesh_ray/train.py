@@ -105,18 +105,13 @@ def train(
     folder = prepare(config, resume)
     tracking = config["tracking"]
     algorithm = make(config)
-    tags = {
-        "algorithm": config["algorithm"],
-        "seed": str(config["seed"]),
-        "domain": ",".join(config["curriculum"]["stages"]),
-    }
     with Run(
         folder.path,
         uri=tracking["uri"],
         experiment=tracking["experiment"],
         name=config["name"],
         params=flatten(config),
-        tags=tags,
+        tags=tags(config),
         resume=resume,
         enabled=tracking["enabled"],
     ) as run:
@@ -128,10 +123,16 @@ def train(
         run.artifact(folder.config)
         training.loop()
         produced = deliver(training)
-        curve = draw_curve(folder)
-        for path in [folder.policy, curve, *(file for entry in produced for file in entry.files)]:
-            run.artifact(path, "meshes" if path.parent.name == "meshes" else None)
-    return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], curve, produced)
+    return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], folder.curve, produced)
+
+
+def tags(config: Mapping[str, Any]) -> dict[str, str]:
+    """What runs are told apart by in the tracking store."""
+    return {
+        "algorithm": config["algorithm"],
+        "seed": str(config["seed"]),
+        "domain": ",".join(config["curriculum"]["stages"]),
+    }
 
 
 #: What a run cannot change when it goes on: its experience and its networks are of these.
@@ -146,17 +147,26 @@ def prepare(config: Mapping[str, Any], resume: bool) -> RunFolder:
         RunError: the run has checkpoints and ``resume`` is false, it was begun with other settings, or its folder
             cannot be made.
     """
+    check_stages(config)
+    folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
+    if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
+        check_unchanged(folder, config)
+    folder.claim(resume)
+    return folder
+
+
+def check_stages(config: Mapping[str, Any]) -> None:
+    """Refuse stages that cannot be trained on.
+
+    Raises:
+        DomainError: as said.
+    """
     domains = [source(stage) for stage in config["curriculum"]["stages"]]
     for domain in domains:
         if isinstance(domain, Domain) and len(domain.ring) < 6:
             raise DomainError(f"{domain.name}: {len(domain.ring)} vertices are one element: train on at least 6")
         if sum(other.name == domain.name for other in domains) > 1:
             raise DomainError(f"{domain.name}: curriculum.stages names it twice: the stages' names must differ")
-    folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
-    if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
-        check_unchanged(folder, config)
-    folder.claim(resume)
-    return folder
 
 
 def check_unchanged(folder: RunFolder, config: Mapping[str, Any]) -> None:
@@ -175,7 +185,10 @@ def check_unchanged(folder: RunFolder, config: Mapping[str, Any]) -> None:
 
 
 def deliver(training: Training) -> list[Produced]:
-    """Mesh every stage with the best policy and track the meshes' figures."""
+    """What a training that came to its end leaves: every stage meshed with the best policy, and the learning curve.
+
+    Files and the meshes' figures are tracked.
+    """
     policy = Policy.load(training.folder.policy)
     produced = []
     for stage in training.config["curriculum"]["stages"]:
@@ -187,6 +200,9 @@ def deliver(training: Training) -> list[Produced]:
             step=training.progress.env_steps,
         )
         produced.append(entry)
+    curve = draw_curve(training.folder)
+    for path in [training.folder.policy, curve, *(file for entry in produced for file in entry.files)]:
+        training.run.artifact(path, "meshes" if path.parent.name == "meshes" else None)
     return produced
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from envs.domain import source
 from freemesh_ray import checkpoint
 from freemesh_ray.config import meshing_parameters
+from freemesh_ray.evaluate import KINDS
 from freemesh_ray.policy import Policy
 from freemesh_ray.provenance import provenance
 from freemesh_ray.runs import RunFolder
@@ -25,6 +26,11 @@ from freemesh_ray.tracking import Run
 
 #: Episodes that the running figures of the progress line are means of.
 RECENT = 50
+#: What is tracked of a learner's figures, where it has them: those of sac, td3 and ddpg, and those of ppo.
+FIGURES = (
+    "critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean",
+    "policy_loss", "vf_loss", "vf_explained_var", "entropy",
+)  # fmt: skip
 
 
 class Algorithm(Protocol):
@@ -52,6 +58,9 @@ class Algorithm(Protocol):
 
     def restore_from_path(self, path: str) -> Any:
         """Read a checkpoint."""
+
+    def stop(self) -> None:
+        """End its processes."""
 
 
 @dataclass
@@ -129,15 +138,23 @@ class Training:
         saved = checkpoint.found(self.folder.checkpoints)
         if not saved:
             return False
-        restored = checkpoint.restore(self.algorithm, saved[0])
+        self.restore(saved[0])
+        self.note(f"going on from {saved[0]} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
+        return True
+
+    def restore(self, path: Path) -> None:
+        """Go on from the checkpoint in folder ``path``.
+
+        Raises:
+            CheckpointError: it cannot be read.
+        """
+        restored = checkpoint.restore(self.algorithm, path)
         try:
             self.progress = Progress(**restored)
         except TypeError as error:
-            raise checkpoint.CheckpointError(f"{saved[0]}: not a checkpoint of this version ({error})") from error
+            raise checkpoint.CheckpointError(f"{path}: not a checkpoint of this version ({error})") from error
         self.folder.forget_after(self.progress.env_steps)
         self._saved_at = self.progress.env_steps
-        self.note(f"going on from {saved[0]} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
-        return True
 
     def save(self) -> Path:
         """Write a checkpoint of this moment, unless there is one."""
@@ -162,10 +179,10 @@ class Training:
             KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
         """
         self._clock = time.monotonic()
-        progress, interval = self.progress, self.config["evaluation"]["interval"]
+        progress = self.progress
         while not self.done():
             self._iterate()
-            if progress.env_steps // interval > progress.evaluated_at // interval:
+            if self._evaluation_due():
                 self.evaluate()
             stop = self.interrupted()
             if stop or progress.env_steps - max(0, self._saved_at) >= self.config["checkpoint"]["interval"]:
@@ -176,6 +193,25 @@ class Training:
         if progress.evaluated_at < progress.env_steps:
             self.evaluate()
         self.save()
+
+    def to_next_evaluation(self) -> dict[str, float]:
+        """Train until the next evaluation is due or the budget is spent, and evaluate.
+
+        Returns:
+            The evaluation's figures; none when the budget was spent before.
+        """
+        self._clock = time.monotonic()
+        values: dict[str, float] = {}
+        while not self.done() and not values:
+            self._iterate()
+            if self._evaluation_due() or self.done():
+                values = self.evaluate()
+        self._tick()
+        return values
+
+    def _evaluation_due(self) -> bool:
+        interval = self.config["evaluation"]["interval"]
+        return self.progress.env_steps // interval > self.progress.evaluated_at // interval
 
     def _tick(self) -> None:
         """Add the time since the last tick to the training's."""
@@ -232,7 +268,7 @@ class Training:
                 "train/element_quality": float(np.mean([e.mean_eta for e in ended])),
             }
         learner = results.get("learners", {}).get("default_policy", {})
-        for name in ("critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean"):
+        for name in FIGURES:
             if name in learner:
                 values[f"learner/{name}"] = float(learner[name])
         self.run.metrics(values, step=self.progress.env_steps)
@@ -252,7 +288,7 @@ class Training:
         """
         found = self.algorithm.evaluate()
         values: dict[str, float] = {}
-        for kind in ("deterministic", "stochastic"):
+        for kind in KINDS:
             figures = [found[kind][stage] for stage in self._stages]
             for stage, means in zip(self._stages, figures, strict=True):
                 values |= {f"eval_{kind}/{stage}/{name}": value for name, value in means.items()}

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from envs.types import OBSERVATIONS, RADII, MeshingParameters
 from freemesh_ray.config import (
+    AT_MOST,
     SCHEMA,
     SHORTHANDS,
     ConfigError,
@@ -66,6 +67,7 @@ def test_the_defaults_hold_exactly_the_keys_of_the_schema_each_with_a_comment():
         "curriculum:",
         "learner:",
         "sac:",
+        "ppo:",
         "runners:",
         "evaluation:",
         "checkpoint:",
@@ -110,8 +112,10 @@ def test_overlays_say_what_they_are_for():
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.fixed_dictionaries({}, optional={key: values_of(key, field) for key, field in SCHEMA.items()}))
 def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
-    if chosen.get("learner.batch_size", 256) > chosen.get("learner.buffer_size", 10**6):
-        chosen |= {"learner.batch_size": 1}
+    defaults = flatten(load())
+    for small, large in AT_MOST:
+        if chosen.get(small, defaults[small]) > chosen.get(large, defaults[large]):
+            chosen |= {small: 1}
     sets = [f"{key}={yaml.safe_dump(value, default_flow_style=True, width=10**6).split('...')[0].strip()}"
             for key, value in chosen.items() if not isinstance(value, str | list)]  # fmt: skip
     tree: dict = {}
@@ -284,7 +288,7 @@ def test_deep_nesting_is_refused_not_crashed(tmp_path: Path):
 def test_bounds_are_part_of_the_range():
     for key, field in SCHEMA.items():
         if field.kind in (int, float) and not field.many and math.isfinite(field.low):
-            extra = ["learner.batch_size=1"] if key == "learner.buffer_size" else ["learner.buffer_size=1e9"]
+            extra = [f"{small}=1" if key == large else f"{large}={SCHEMA[large].high!r}" for small, large in AT_MOST]
             for bound in (field.low, field.high):
                 load(sets=[*extra, f"{key}={bound!r}"])
             with pytest.raises(ConfigError, match=key):

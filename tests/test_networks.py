@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from freemesh_ray.algorithms.networks import Mlp, TwinMlp
+from freemesh_ray.algorithms.networks import Mlp, MlpStack
 
 
 def reference(mlp_weights: list[torch.Tensor], mlp_biases: list[torch.Tensor]) -> nn.Sequential:
@@ -24,18 +24,18 @@ def test_mlp_is_linear_relu_linear() -> None:
     torch.testing.assert_close(net(x), reference(list(net.weights), list(net.biases))(x))
 
 
-def test_the_twin_is_two_separate_mlps() -> None:
-    twin, x = TwinMlp(18, [32, 16], 1), torch.randn(10, 18)
+def test_a_stack_is_separate_mlps() -> None:
+    stack, x = MlpStack(2, 18, [32, 16], 1), torch.randn(10, 18)
     for i in range(2):
-        one = reference([w[i] for w in twin.weights], [b[i] for b in twin.biases])
-        torch.testing.assert_close(twin(x)[i], one(x))
+        one = reference([w[i] for w in stack.weights], [b[i] for b in stack.biases])
+        torch.testing.assert_close(stack(x)[i], one(x))
 
 
-def test_a_twin_s_gradients_do_not_mix() -> None:
-    twin = TwinMlp(4, [8], 1)
-    twin(torch.randn(5, 4))[0].sum().backward()
-    assert all(parameter.grad is not None and not parameter.grad[1].any() for parameter in twin.parameters())
-    assert all(parameter.grad is not None and parameter.grad[0].any() for parameter in twin.parameters())
+def test_a_stack_s_gradients_do_not_mix() -> None:
+    stack = MlpStack(2, 4, [8], 1)
+    stack(torch.randn(5, 4))[0].sum().backward()
+    assert all(parameter.grad is not None and not parameter.grad[1].any() for parameter in stack.parameters())
+    assert all(parameter.grad is not None and parameter.grad[0].any() for parameter in stack.parameters())
 
 
 def test_initial_weights_are_nn_linear_s() -> None:

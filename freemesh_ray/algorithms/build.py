@@ -7,38 +7,76 @@ from dataclasses import asdict
 from typing import Any
 
 from envs.domain import source
+from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.environment import register
-from freemesh_ray.algorithms.sac import SAC, SACConfig
+from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
+from freemesh_ray.algorithms.off_policy import OffPolicyConfig
+from freemesh_ray.algorithms.ppo import PPOConfig
+from freemesh_ray.algorithms.sac import SACConfig
+from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.config import meshing_parameters
 from freemesh_ray.curriculum import Curriculum
 
+Config = Mapping[str, Any]
 
-def sac_config(config: Mapping[str, Any]) -> SACConfig:
-    """The SAC that a configuration tree (see ``config.load``) describes."""
-    learner, sac = config["learner"], config["sac"]
-    runners, curriculum = config["runners"], config["curriculum"]
+
+def _off_policy(start: OffPolicyConfig, config: Config, **own: Any) -> MeshConfig:
+    """``start`` with what the algorithms with a replay buffer have in common, and what is one's own."""
+    learner = config["learner"]
+    return start.env_runners(rollout_fragment_length=config["runners"]["fragment"]).training(
+        tau=learner["tau"],
+        actor_lr=learner["learning_rate"],
+        critic_lr=learner["learning_rate"],
+        train_batch_size_per_learner=learner["batch_size"],
+        replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
+        updates_per_step=learner["updates_per_step"],
+        warmup_steps=learner["warmup_steps"],
+        **own,
+    )
+
+
+def _sac(config: Config) -> MeshConfig:
+    return _off_policy(SACConfig(), config, alpha_lr=config["learner"]["learning_rate"], **config["sac"])
+
+
+def _td3(config: Config) -> MeshConfig:
+    return _off_policy(TD3Config(), config, **config["td3"])
+
+
+def _ddpg(config: Config) -> MeshConfig:
+    return _off_policy(DDPGConfig(), config, **config["ddpg"])
+
+
+def _ppo(config: Config) -> MeshConfig:
+    ppo = config["ppo"]
+    return PPOConfig().training(
+        lr=config["learner"]["learning_rate"],
+        train_batch_size_per_learner=ppo["rollout_steps"],
+        num_epochs=ppo["epochs"],
+        minibatch_size=ppo["minibatch_size"],
+        clip_param=ppo["clip"],
+        lambda_=ppo["gae_lambda"],
+        entropy_coeff=ppo["entropy_coefficient"],
+        vf_loss_coeff=ppo["value_coefficient"],
+        grad_clip=ppo["max_grad_norm"],
+    )
+
+
+#: What ``algorithm`` in a configuration can be.
+ALGORITHMS: dict[str, Callable[[Config], MeshConfig]] = {"sac": _sac, "td3": _td3, "ddpg": _ddpg, "ppo": _ppo}
+
+
+def configured(config: Config) -> MeshConfig:
+    """The algorithm that a configuration tree (see ``config.load``) describes."""
+    learner, runners, curriculum = config["learner"], config["runners"], config["curriculum"]
     domains = [source(stage) for stage in curriculum["stages"]]
     return (
-        SACConfig()
+        ALGORITHMS[config["algorithm"]](config)
         .environment(register(), env_config={"domain": domains, **asdict(meshing_parameters(config))})
-        .env_runners(
-            num_env_runners=runners["count"],
-            num_envs_per_env_runner=runners["envs_per_runner"],
-            rollout_fragment_length=runners["fragment"],
-        )
+        .env_runners(num_env_runners=runners["count"], num_envs_per_env_runner=runners["envs_per_runner"])
         .training(
             gamma=learner["gamma"],
-            tau=learner["tau"],
-            actor_lr=learner["learning_rate"],
-            critic_lr=learner["learning_rate"],
-            alpha_lr=learner["learning_rate"],
-            target_entropy=sac["target_entropy"],
-            initial_alpha=sac["initial_alpha"],
-            train_batch_size_per_learner=learner["batch_size"],
-            replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
             hidden=learner["hidden"],
-            updates_per_step=learner["updates_per_step"],
-            warmup_steps=learner["warmup_steps"],
             curriculum=Curriculum(
                 stages=tuple(domain.name for domain in domains),
                 promote_at=curriculum["promote_at"],
@@ -53,10 +91,6 @@ def sac_config(config: Mapping[str, Any]) -> SACConfig:
     )
 
 
-#: What ``algorithm`` in a configuration can be.
-ALGORITHMS: dict[str, Callable[[Mapping[str, Any]], SACConfig]] = {"sac": sac_config}
-
-
-def build(config: Mapping[str, Any]) -> SAC:
+def build(config: Config) -> MeshAlgorithm:
     """Start the algorithm's processes; ``stop()`` ends them."""
-    return ALGORITHMS[config["algorithm"]](config).build_algo()
+    return configured(config).build_algo()

@@ -1,6 +1,6 @@
 """The rollout worker: steps a batch of environments and returns flat transitions, not episode objects.
 
-``collect`` is what training uses. RLlib's own ``sample`` is inherited and still works.
+``collect`` is what learning from a replay buffer uses, ``rollout`` what needs RLlib's episodes.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
+from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
-from freemesh_ray.algorithms import squashed_gaussian
 from freemesh_ray.algorithms.replay_buffer import Transitions, concatenate
 
 
@@ -35,12 +35,31 @@ class Episode(NamedTuple):
     elements: int
     mean_eta: float
 
+    @classmethod
+    def of(cls, info: Mapping[str, Any], terminated: bool, length: int, episode_return: float) -> Episode:
+        """The episode whose last step told ``info``."""
+        return cls(
+            domain=str(info.get("task", "")),
+            length=length,
+            episode_return=episode_return,
+            completed=bool(info.get("completed", terminated)),
+            elements=int(info.get("elements", 0)),
+            mean_eta=float(info.get("mean_eta", 0.0)),
+        )
+
 
 class Collected(NamedTuple):
     """One call's harvest: transitions in the order they happened, and the episodes that ended."""
 
     transitions: Transitions
     episodes: list[Episode]
+
+
+class Rollout(NamedTuple):
+    """One call's harvest: RLlib's episodes or pieces of them, and the episodes that ended."""
+
+    episodes: list[SingleAgentEpisode]
+    ended: list[Episode]
 
 
 class TransitionEnvRunner(SingleAgentEnvRunner):
@@ -55,6 +74,8 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, dtype=np.int64)
+        #: Length and return so far of the episodes that ``rollout`` has begun.
+        self._begun: dict[str, tuple[int, float]] = {}
 
     def collect(self, rounds: int, *, uniform: bool = False, task: Mapping[str, float] | None = None) -> Collected:
         """Take ``rounds`` steps in every environment.
@@ -75,7 +96,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         for _ in range(rounds):
             obs = self._obs
             assert obs is not None
-            actions = self._uniform_actions(env) if uniform else self._policy_actions(obs)
+            actions = self._uniform_actions(env) if uniform else self._policy_actions(obs, env)
             next_obs, rewards, terminated, truncated, infos = env.step(actions)
             # The step after an end only resets (NEXT_STEP): it is no transition.
             live = ~self._ended
@@ -89,12 +110,35 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             self._lengths[live] += 1
             self._ended = terminated | truncated
             for i in np.flatnonzero(self._ended):
-                episodes.append(self._episode(int(i), bool(terminated[i]), infos))
+                info = {key: infos[key][i] for key in ("task", "completed", "elements", "mean_eta") if key in infos}
+                length, episode_return = int(self._lengths[i]), float(self._returns[i])
+                episodes.append(Episode.of(info, bool(terminated[i]), length, episode_return))
                 self._returns[i], self._lengths[i] = 0.0, 0
             self._obs = next_obs
         # An inherited sample() would find the environments in mid-episode.
         self._needs_initial_reset = True
         return Collected(concatenate(parts), episodes)
+
+    def rollout(self, steps: int, *, task: Mapping[str, float] | None = None) -> Rollout:
+        """RLlib's own sampling of at least ``steps`` steps, over all environments together.
+
+        Args:
+            steps: env steps.
+            task: as in ``collect``.
+        """
+        if task is not None:
+            self.env.unwrapped.task.set(task)
+        episodes = self.sample(num_timesteps=steps)
+        ended: list[Episode] = []
+        for episode in episodes:
+            length, episode_return = self._begun.pop(episode.id_, (0, 0.0))
+            length, episode_return = length + len(episode), episode_return + float(episode.get_return())
+            if episode.is_done:
+                info = episode.get_infos(-1)
+                ended.append(Episode.of(info, episode.is_terminated, length, episode_return))
+            else:
+                self._begun[episode.id_] = length, episode_return
+        return Rollout(episodes, ended)
 
     def sample(self, **kwargs: Any) -> Any:
         """RLlib's own sampling, in episodes; ``collect`` then begins afresh."""
@@ -133,20 +177,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         draws = self._random.random((self.num_envs, *space.shape))
         return (space.low + draws * (space.high - space.low)).astype(np.float32)
 
-    def _policy_actions(self, obs: np.ndarray) -> np.ndarray:
+    def _policy_actions(self, obs: np.ndarray, env: Any) -> np.ndarray:
+        noise = self._random.standard_normal((len(obs), *env.single_action_space.shape), dtype=np.float32)
         with torch.no_grad():
-            outputs = self.module.actor(torch.from_numpy(obs))
-            noise = self._random.standard_normal((len(obs), outputs.shape[1] // 2), dtype=np.float32)
-            mean, log_std = squashed_gaussian.split(outputs)
-            return (mean + log_std.exp() * torch.from_numpy(noise)).tanh().numpy()
-
-    def _episode(self, i: int, terminated: bool, infos: dict[str, Any]) -> Episode:
-        told = "mesh" in infos
-        return Episode(
-            domain=str(infos["task"][i]) if told else "",
-            length=int(self._lengths[i]),
-            episode_return=float(self._returns[i]),
-            completed=bool(infos["completed"][i]) if told else terminated,
-            elements=int(infos["elements"][i]) if told else 0,
-            mean_eta=float(infos["mean_eta"][i]) if told else 0.0,
-        )
+            return self.module.explore(torch.from_numpy(obs), torch.from_numpy(noise)).numpy()

@@ -1,7 +1,7 @@
-"""Plain multi-layer perceptrons: one, and two of the same shape evaluated together, with their gradients written out.
+"""Plain multi-layer perceptrons: one, and several of a shape evaluated together, with their gradients written out.
 
-Weights are (inputs, outputs) matrices, initialised as torch's ``nn.Linear`` are: uniform in +-1/sqrt(inputs). The
-twin stacks both networks' weights on a leading axis, so that each layer is one batched product in place of two.
+Weights are (inputs, outputs) matrices, initialised as torch's ``nn.Linear`` are: uniform in +-1/sqrt(inputs). A stack
+holds its networks' weights on a leading axis, so that each layer is one batched product for all of them.
 
 With networks this small automatic differentiation costs a third of an update, so ``trace`` and ``backward`` do it by
 hand. For a layer y = relu(x W + b) with gradient g of y, masked by y > 0:
@@ -82,7 +82,7 @@ class Mlp(nn.Module):
 
     @torch.no_grad()
     def backward_to_input(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
-        """Gradient of the input, (batch, inputs); of a twin the sum of both networks'."""
+        """Gradient of the input, (batch, inputs); of a stack the sum over its networks."""
         for i in range(len(self.weights) - 1, 0, -1):
             gradient = self._through(self.weights[i], trace[i], gradient)
         gradient = self.product(gradient, self.weights[0].mT)
@@ -93,9 +93,17 @@ class Mlp(nn.Module):
         return torch.ops.aten.threshold_backward.grad_input(passed, x, 0.0, grad_input=passed)
 
 
-class TwinMlp(Mlp):
-    """Two Mlps with separate weights over the same input: (batch, inputs) -> (2, batch, outputs)."""
+class MlpStack(Mlp):
+    """Mlps with separate weights over the same input: (batch, inputs) -> (count, batch, outputs).
 
-    lead = (2,)
+    Args:
+        count: of networks.
+        inputs, hidden, outputs: of each, see Mlp.
+    """
+
     layer = staticmethod(torch.baddbmm)
     product = staticmethod(torch.bmm)
+
+    def __init__(self, count: int, inputs: int, hidden: Sequence[int], outputs: int) -> None:
+        self.lead = (count,)
+        super().__init__(inputs, hidden, outputs)

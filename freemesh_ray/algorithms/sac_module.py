@@ -13,7 +13,8 @@ from ray.rllib.core.rl_module.apis import InferenceOnlyAPI
 from ray.rllib.core.rl_module.torch.torch_rl_module import TorchRLModule
 from torch import nn
 
-from freemesh_ray.algorithms.networks import Mlp, TwinMlp
+from freemesh_ray.algorithms import squashed_gaussian
+from freemesh_ray.algorithms.networks import Mlp, MlpStack
 from freemesh_ray.algorithms.squashed_gaussian import SquashedGaussian
 
 
@@ -31,8 +32,8 @@ class SACModule(TorchRLModule, InferenceOnlyAPI):
         hidden = list(self.model_config["hidden"])
         self.actor = Mlp(observation_size, hidden, 2 * action_size)
         if not self.inference_only:
-            self.critic = TwinMlp(observation_size + action_size, hidden, 1)
-            self.target_critic = TwinMlp(observation_size + action_size, hidden, 1)
+            self.critic = MlpStack(2, observation_size + action_size, hidden, 1)
+            self.target_critic = MlpStack(2, observation_size + action_size, hidden, 1)
             self.target_critic.load_state_dict(self.critic.state_dict())
             self.target_critic.requires_grad_(False)
             self.log_alpha = nn.Parameter(torch.log(torch.tensor([float(self.model_config["initial_alpha"])])))
@@ -41,6 +42,11 @@ class SACModule(TorchRLModule, InferenceOnlyAPI):
     def get_non_inference_attributes(self) -> list[str]:
         """What acting does not need."""
         return ["critic", "target_critic", "log_alpha"]
+
+    def explore(self, obs: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
+        """Actions to collect experience with, (batch, action size), for standard normal ``noise`` of that shape."""
+        mean, log_std = squashed_gaussian.split(self.actor(obs))
+        return (mean + log_std.exp() * noise).tanh()
 
     def _forward(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
         return {Columns.ACTION_DIST_INPUTS: self.actor(batch[Columns.OBS])}

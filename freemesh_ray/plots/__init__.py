@@ -3,10 +3,16 @@
 Everything is drawn on `Figure` objects of its own, without pyplot: no window, no state shared between callers.
 """
 
+from freemesh_ray.plots.bands import Panel, draw_bands
 from freemesh_ray.plots.boxes import PANELS, draw_boxes
 from freemesh_ray.plots.curves import draw_curves
+from freemesh_ray.plots.improvement import Pair, draw_improvements
 from freemesh_ray.plots.mesh import caption, draw_mesh
 from freemesh_ray.plots.page import SUFFIXES
+from freemesh_ray.plots.settings import draw_settings
 from freemesh_ray.plots.side_by_side import draw_side_by_side
 
-__all__ = ["PANELS", "SUFFIXES", "caption", "draw_boxes", "draw_curves", "draw_mesh", "draw_side_by_side"]
+__all__ = [
+    "PANELS", "SUFFIXES", "Pair", "Panel", "caption", "draw_bands", "draw_boxes", "draw_curves", "draw_improvements",
+    "draw_mesh", "draw_settings", "draw_side_by_side",
+]  # fmt: skip

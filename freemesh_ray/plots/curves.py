@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
-from numpy.typing import ArrayLike
 
 from freemesh_ray.colours import INK, SERIES
 from freemesh_ray.plots.page import WIDTH, page, save
-
-#: One run's curve: steps and values, of one length.
-Curve = tuple[ArrayLike, ArrayLike]
+from freemesh_ray.statistics.curves import Curve, aligned
 
 
 def draw_curves(
@@ -35,7 +31,7 @@ def draw_curves(
     axes = figure.add_subplot()
     for i, (label, curves) in enumerate(series.items()):
         colour = SERIES[i % len(SERIES)]
-        steps, values = _aligned([curves] if isinstance(curves, tuple) else curves)
+        steps, values = aligned([curves] if isinstance(curves, tuple) else curves)
         if not len(steps):
             continue
         name = label if len(values) == 1 else f"{label} (mean of {len(values)} seeds)"
@@ -54,20 +50,3 @@ def draw_curves(
         axes.legend(frameon=False, loc="best")
     save(figure, path)
     return figure
-
-
-def _aligned(curves: Sequence[Curve]) -> tuple[np.ndarray, np.ndarray]:
-    """Steps (t,) that all seeds cover, and their values there, (seeds, t)."""
-    clean = []
-    for steps, values in curves:
-        x, y = np.asarray(steps, dtype=np.float64), np.asarray(values, dtype=np.float64)
-        known = np.isfinite(x) & np.isfinite(y)
-        order = np.argsort(x[known], kind="stable")
-        if known.any():
-            clean.append((x[known][order], y[known][order]))
-    if not clean:
-        return np.empty(0), np.empty((0, 0))
-    first, last = max(x[0] for x, _ in clean), min(x[-1] for x, _ in clean)
-    grid = np.unique(np.concatenate([x for x, _ in clean]))
-    grid = grid[(grid >= first) & (grid <= last)]
-    return grid, np.array([np.interp(grid, x, y) for x, y in clean])

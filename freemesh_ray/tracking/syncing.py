@@ -34,8 +34,8 @@ def sync(folder: str | Path, uri: str | None = None) -> int:
         for path in waiting:
             try:
                 delivered += _settle(path, uri)
-            except ParentAwayError as reason:
-                orphans.append((path, reason))
+            except ParentAwayError as error:
+                orphans.append((path, str(error)))
         if len(orphans) == len(waiting):
             for path, why in orphans:
                 log.warning("tracking: %s is left as it is: %s", path, why)

@@ -1,0 +1,23 @@
+"""A learner in one thread, whose learning rates are the configuration's whatever a checkpoint holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from ray.rllib.core.learner.torch.torch_learner import TorchLearner
+
+
+class ConfiguredLearner(TorchLearner):
+    """RLlib's learner; one thread, so that processes do not fight for cores."""
+
+    def build(self) -> None:
+        """Build module and optimizers."""
+        torch.set_num_threads(1)
+        super().build()
+
+    def _set_optimizer_state(self, state: Any) -> None:
+        # An optimizer's state holds its learning rate: a resumed training would not learn at the rate it is given.
+        super()._set_optimizer_state(state)
+        for optimizer, schedule in self._optimizer_lr_schedules.items():
+            self._set_optimizer_lr(optimizer, schedule.get_current_value())

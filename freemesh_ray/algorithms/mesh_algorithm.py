@@ -1,0 +1,172 @@
+"""What every algorithm is to the training loop, however it learns: counters, curriculum, evaluation, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from ray.rllib.algorithms.algorithm import Algorithm
+from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
+from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
+from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
+
+from envs.types import MeshingParameters
+from freemesh_ray.algorithms.env_runner import Episode, TransitionEnvRunner
+from freemesh_ray.curriculum import Curriculum
+from freemesh_ray.evaluate import evaluation_episodes, summary
+from freemesh_ray.policy import Policy
+
+
+class MeshConfig(AlgorithmConfig):
+    """How environments are run, whatever learns from them.
+
+    Besides RLlib's own settings: ``hidden`` (units of each hidden layer), ``curriculum`` (a Curriculum, or None to
+    leave the environments' task alone).
+    """
+
+    #: Settings of ``training`` that RLlib does not know.
+    OWN: tuple[str, ...] = ("hidden", "curriculum")
+
+    def __init__(self, algo_class: type | None = None) -> None:
+        super().__init__(algo_class=algo_class)
+        self.hidden: list[int] = [128, 128, 128]
+        self.curriculum: Curriculum | None = None
+        self.gamma = 0.99
+        self.env_runner_cls = TransitionEnvRunner
+        self.num_env_runners = 0
+        self.num_envs_per_env_runner = 16
+        self.gym_env_vectorize_mode = "vector_entry_point"
+        self.min_time_s_per_iteration = 0
+        self.min_sample_timesteps_per_iteration = 1_000
+        self.restart_failed_env_runners = True
+        self.delay_between_env_runner_restarts_s = 1.0
+        self.torch_skip_nan_gradients = False
+
+    def training(self, **settings: Any) -> Any:
+        """RLlib's training settings, and those of ``OWN``; this configuration."""
+        for name in self.OWN:
+            if name in settings:
+                setattr(self, name, settings.pop(name))
+        return super().training(**settings)
+
+    @property
+    def _model_config_auto_includes(self) -> dict[str, Any]:
+        return {}
+
+
+class MeshAlgorithm(Algorithm):
+    """An algorithm as ``training.Algorithm`` has it; a learner beside it says how a round is taken."""
+
+    config: MeshConfig
+
+    def setup(self, config: Any) -> None:
+        """Build runners and learner; nothing is taken yet."""
+        super().setup(config)
+        self.curriculum = self.config.curriculum
+        self.env_steps = 0
+        self.updates = 0
+        #: Episodes that ended since the caller last took them.
+        self.finished: list[Episode] = []
+
+    def _from_runners(self, method: str, **request: Any) -> list[Any]:
+        """What every env runner answers to a call of ``method``, with the curriculum's task as ``task``."""
+        request["task"] = None if self.curriculum is None else self.curriculum.task()
+        group = self.env_runner_group
+        if group.num_remote_env_runners() == 0:
+            return [getattr(self.env_runner, method)(**request)]
+        return group.foreach_env_runner(method, kwargs=request, local_env_runner=False)
+
+    def _each_runner(self, function: Callable[[Any], Any]) -> list[Any]:
+        """``function`` of every env runner."""
+        group = self.env_runner_group
+        return group.foreach_env_runner(function, local_env_runner=group.num_remote_env_runners() == 0)
+
+    def _count(self, steps: int, episodes: list[Episode]) -> None:
+        """Log a round of ``steps`` env steps and the episodes that ended in it, and go on in the curriculum."""
+        self.env_steps += steps
+        self.finished.extend(episodes)
+        key = ENV_RUNNER_RESULTS
+        self.metrics.log_value((key, NUM_ENV_STEPS_SAMPLED_LIFETIME), steps, reduce="lifetime_sum")
+        self.metrics.log_value((key, "num_episodes_lifetime"), len(episodes), reduce="lifetime_sum")
+        if self.curriculum is not None:
+            self.metrics.log_value((key, "stage"), self.curriculum.stage, window=1)
+            self.curriculum = self.curriculum.after(steps, [(e.domain, e.completed) for e in episodes])
+        for episode in episodes:
+            for name, value in (
+                ("episode_return_mean", episode.episode_return),
+                ("episode_len_mean", episode.length),
+                ("completion_rate", float(episode.completed)),
+                ("elements_mean", episode.elements),
+                ("element_quality_mean", episode.mean_eta),
+            ):
+                self.metrics.log_value((key, name), value, window=self.config.metrics_num_episodes_for_smoothing)
+
+    def _publish(self) -> None:
+        """Send the actor to the env runners."""
+        with self.metrics.log_time(("timers", "publish")):
+            self.env_runner_group.sync_weights(
+                from_worker_or_learner_group=self.learner_group, inference_only=True, timeout_seconds=None
+            )
+
+    def evaluate(self, parallel_train_future: Any = None) -> dict[str, Any]:
+        """The paper's evaluation: ``evaluation_duration`` episodes of each kind on every domain, and one on
+        each of ``HELD_OUT_DOMAINS`` unseen ones where a supply draws them without end.
+
+        In this process: the episodes of a domain run side by side in compiled code, faster than they could be sent.
+
+        Returns:
+            ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluate.summary.
+        """
+        options = dict(self.config.env_config)
+        domains = options.pop("domain")
+        layers = [(np.asarray(weight), np.asarray(bias)) for weight, bias in self.actor_weights()]
+        policy = Policy(layers, MeshingParameters(**options))
+        episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
+        return {
+            kind: {
+                entry.name: summary(evaluation_episodes(policy, entry, episodes, stochastic=stochastic, seed=seed))
+                for entry in domains
+            }
+            for kind, stochastic in (("deterministic", False), ("stochastic", True))
+        }
+
+    def actor_weights(self) -> list[tuple[Any, Any]]:
+        """(weight (inputs, outputs), bias (outputs,)) of each layer of the actor as ``Policy`` takes it, float32."""
+        return self._weights("actor", inference_only=True)
+
+    def critic_weights(self) -> list[tuple[Any, Any]]:
+        """(weight (critics, inputs, outputs), bias (critics, outputs)) of each layer of the action-value critics,
+        float32; empty where there are none.
+        """
+        return [(weight, bias[:, 0]) for weight, bias in self._weights("critic", inference_only=False)]
+
+    def _weights(self, network: str, *, inference_only: bool) -> list[tuple[Any, Any]]:
+        state = self.learner_group.get_state(components="learner/rl_module", inference_only=inference_only)
+        module = state["learner"]["rl_module"][DEFAULT_POLICY_ID]
+        layers = sum(name.startswith(f"{network}.weights") for name in module)
+        return [(module[f"{network}.weights.{i}"], module[f"{network}.biases.{i}"]) for i in range(layers)]
+
+    def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        """RLlib's state, with what it leaves out: counters and curriculum."""
+        return super().get_state(*args, **kwargs) | {
+            "env_steps": self.env_steps,
+            "updates": self.updates,
+            "finished": list(self.finished),
+            "curriculum": None if self.curriculum is None else self.curriculum.state(),
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over a state.
+
+        Raises:
+            ValueError: the state's curriculum is of other stages.
+        """
+        curriculum = self.curriculum
+        if curriculum is not None and state.get("curriculum") is not None:
+            curriculum = curriculum.restored(state["curriculum"])
+        super().set_state(state)
+        if "env_steps" in state:
+            self.env_steps, self.updates = state["env_steps"], state["updates"]
+            self.finished = list(state["finished"])
+            self.curriculum = curriculum

@@ -1,0 +1,88 @@
+"""The report's numbers as CSV: everything that is in a table or a picture, unrounded."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from envs.types import Floats
+from freemesh_ray.atomic import replacing
+from freemesh_ray.report.comparisons import Comparison
+from freemesh_ray.report.learning import FINALS, Learning
+from freemesh_ray.report.transfer import Transfer
+from freemesh_ray.statistics.bootstrap import Interval
+
+
+def write(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
+    """Write a table; what is not finite, or None, is an empty cell.
+
+    Raises:
+        OutputError: the place cannot be written to.
+    """
+    with replacing(path) as draft, open(draft, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows([_cell(value) for value in row] for row in rows)
+    return path
+
+
+def _cell(value: Any) -> Any:
+    missing = value is None or (isinstance(value, float) and not math.isfinite(value))
+    return "" if missing else value
+
+
+def curves(path: Path, variants: Sequence[Learning]) -> Path:
+    """Write every curve: the interquartile mean with its interval at every step."""
+    rows = [
+        [variant.label, figure, len(band.seeds), *point]
+        for variant in variants
+        for figure, band in variant.bands.items()
+        for point in zip(band.steps.tolist(), *(line.tolist() for line in band.centre), strict=True)
+    ]
+    return write(path, ["variant", "figure", "seeds", "env_steps", "iqm", "low", "high"], rows)
+
+
+def finals(path: Path, variants: Sequence[Learning], threshold: float) -> Path:
+    """Write every trial's final figures and when it reached the threshold."""
+    rows = []
+    for variant in variants:
+        _, reached = variant.steps_to(threshold)
+        areas = variant.mean_over_training().tolist()
+        for i, trial in enumerate(variant.used):
+            last = [float(variant.finals[figure][i]) for figure in FINALS]
+            rows.append([variant.label, trial.seed, trial.status, trial.env_steps, *last, areas[i], reached[i]])
+    header = ["variant", "seed", "status", "env_steps", *FINALS, "mean_return_over_training", f"steps_to_{threshold:g}"]
+    return write(path, header, rows)
+
+
+def domains(path: Path, transfer: Transfer) -> Path:
+    """Write every policy's figures on every domain."""
+    names = list(next(iter(transfer.figures.values()), {}))
+    rows = [[*key, *(figures[name] for name in names)] for key, figures in transfer.figures.items()]
+    return write(path, ["variant", "seed", "domain", "kind", *names], rows)
+
+
+def profiles(path: Path, thresholds: Floats, found: Mapping[str, Interval]) -> Path:
+    """Write every variant's performance profile."""
+    rows = [
+        [label, *point]
+        for label, profile in found.items()
+        for point in zip(thresholds.tolist(), *(line.tolist() for line in profile), strict=True)
+    ]
+    return write(path, ["variant", "score", "share_above", "low", "high"], rows)
+
+
+def comparisons(path: Path, found: Sequence[Comparison]) -> Path:
+    """Write every pair of variants."""
+    nothing = (None, None, None)
+    rows = [
+        [each.x, each.y, *each.runs, *map(float, each.by_return), each.chance,
+         *(nothing if each.by_score is None else map(float, each.by_score))]
+        for each in found
+    ]  # fmt: skip
+    header = ["x", "y", "runs_x", "runs_y", "by_return", "by_return_low", "by_return_high", "chance",
+              "by_score", "by_score_low", "by_score_high"]  # fmt: skip
+    return write(path, header, rows)

@@ -1,0 +1,68 @@
+"""The report's pictures, each as PNG and SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from envs.types import Floats
+from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements
+from freemesh_ray.plots.page import SUFFIXES, save
+from freemesh_ray.report.comparisons import Comparison
+from freemesh_ray.report.learning import COMPLETION, RETURN, Learning
+from freemesh_ray.statistics.bootstrap import Interval
+
+#: Scores at which profiles are taken.
+THRESHOLDS: Floats = np.linspace(0.0, 1.0, 101)
+BANDS = "line: interquartile mean over seeds; band: 95 % bootstrap interval"
+ONE_SEED = "one seed each: no band"
+
+
+def both(folder: Path, name: str, draw: Callable[[Path], Figure]) -> Path:
+    """Draw once, write every format; the PNG's path."""
+    first, *others = (folder / f"{name}{suffix}" for suffix in SUFFIXES)
+    figure = draw(first)
+    for path in others:
+        save(figure, path)
+    return first
+
+
+def curves(folder: Path, variants: Sequence[Learning], title: str) -> Path:
+    """Return and completion rate against env steps."""
+    returns, completion = (
+        {variant.label: (variant.bands[figure].steps, variant.bands[figure].centre) for variant in variants}
+        for figure in (RETURN, COMPLETION)
+    )
+    steps = "environment steps"
+    panels = [
+        Panel(returns, steps, "mean return of an evaluation episode"),
+        Panel(completion, steps, "completion rate", -0.02, 1.02),
+    ]
+    several = any(len(variant.used) > 1 for variant in variants)
+    note = f"{BANDS if several else ONE_SEED}; deterministic evaluation episodes"
+    return both(folder, "curves", lambda path: draw_bands(panels, path, title, note))
+
+
+def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
+    """Share of runs and domains above every score."""
+    panel = Panel(
+        {label: (THRESHOLDS, profile) for label, profile in found.items()},
+        "score τ: element quality, 0 where not completed", "share of runs and domains above τ", -0.02, 1.02,
+        stepped=True,
+    )  # fmt: skip
+    note = "band: 95 % bootstrap interval"
+    return both(folder, "profile", lambda path: draw_bands([panel], path, "Performance profile", note))
+
+
+def improvement(folder: Path, comparisons: Sequence[Comparison]) -> Path:
+    """Probability of improvement of the pairs."""
+    pairs = []
+    for found in comparisons:
+        intervals = {"by final return": found.by_return}
+        if found.by_score is not None:
+            intervals["by score on the domains"] = found.by_score
+        pairs.append(Pair(found.x, found.y, intervals))
+    return both(folder, "improvement", lambda path: draw_improvements(pairs, path, "Probability of improvement"))

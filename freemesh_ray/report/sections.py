@@ -1,0 +1,262 @@
+"""The report's text, section by section, in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from envs.types import Floats
+from freemesh_ray import config
+from freemesh_ray.policy import Policy
+from freemesh_ray.report.comparisons import Comparison, Outcome
+from freemesh_ray.report.learning import COMPLETION, ELEMENTS, QUALITY, RETURN, STOCHASTIC, Learning, centre, halfway
+from freemesh_ray.report.machine import machine
+from freemesh_ray.report.results import Results, Trial
+from freemesh_ray.report.transfer import KINDS, Transfer
+from freemesh_ray.report.wording import bracketed, cell, count, hours, span, spread, thousands
+from freemesh_ray.statistics.curves import LAST
+from freemesh_ray.statistics.improvement import SIGNIFICANT, Verdict
+from freemesh_ray.table import markdown
+
+#: From a picture's name and description to its place in the text.
+Picture = Callable[[str, str], str]
+
+
+def opening(results: Results) -> str:
+    """What the study reproduces, what the paper finds, and whether all of it was run."""
+    lines = [f"# {results.title}"]
+    about = [f"**In the paper:** {results.paper}."] if results.paper else []
+    about += [f"**Its finding:** {results.finding}"] if results.finding else []
+    lines += ["  \n".join(about)] if about else []
+    statuses = Counter(trial.status for trial in results.trials)
+    if results.unfinished:
+        told = ", ".join(f"{number} {status}" for status, number in statuses.items())
+        lines.append(
+            f"**Not finished yet:** of {count(len(results.trials), 'trial')} {told}. Figures and verdicts may change."
+        )
+    elif statuses["failed"] or statuses["stopped"]:
+        reasons = {"failed": "failed, left out of all figures", "stopped": "stopped before the end of their budget"}
+        missing = "; ".join(f"{statuses[status]} {what}" for status, what in reasons.items() if statuses[status])
+        lines.append(f"Of {count(len(results.trials), 'trial')}: {missing} (see Trials).")
+    return "\n\n".join(lines)
+
+
+def expectations(outcomes: Sequence[Outcome]) -> str:
+    """The paper's expectations and what came out."""
+    tally = Counter(outcome.verdict for outcome in outcomes)
+    rows = []
+    for outcome in outcomes:
+        found = outcome.comparison
+        if found is None:
+            rows.append([str(outcome.expectation), "-", "-", "-", f"{outcome.verdict}: no evaluation yet"])
+            continue
+        rows.append([str(outcome.expectation), f"{found.runs[0]} / {found.runs[1]}", probability(found),
+                     f"{found.chance:.3f}", f"**{outcome.verdict}**"])  # fmt: skip
+    told = ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said])
+    table = markdown(["expected, by the final return", "seeds", "P(X > Y) [95 %]", "chance", "verdict"], rows)
+    return (
+        f"## What the paper expects\n\n{told}.\n\n{table}\n\n"
+        "Confirmed: the 95 % interval of P(X > Y) lies wholly above one half, and equal variants would come out in so "
+        f"clear an order with a chance of at most {SIGNIFICANT:g} (three seeds against three can just reach it). "
+        "Refuted: the same the other way round. Undecided: anything else, and always before both are finished."
+    )
+
+
+def probability(comparison: Comparison) -> str:
+    """P(X > Y) by the final return."""
+    return bracketed(comparison.by_return, ".2f", max(comparison.runs))
+
+
+def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -> str:
+    """Trials, budget, machine and source."""
+    trials = results.trials
+    done = sum(trial.finished for trial in trials)
+    lines = [f"{count(len(trials), 'trial')}, {done} of them finished"]
+    if not results.search:
+        lines[0] += f": {count(len(results.variants), 'variant')}, seeds {', '.join(map(str, results.seeds))}"
+    if budget := settings(trials, "budget.env_steps"):
+        lines.append(f"budget {span(min(budget), max(budget), ',.0f')} env steps a trial{shorter(budget, trials)}")
+    if updates := settings(trials, "learner.updates_per_step"):
+        lines.append(f"{span(min(updates), max(updates), 'g')} gradient updates an env step")
+    if interval := settings(trials, "evaluation.interval"):
+        lines.append(f"evaluated every {span(min(interval), max(interval), ',.0f')} env steps")
+    if seconds := sum(trial.seconds for trial in trials):
+        lines.append(f"{hours(seconds)} of training, summed over the trials")
+    if commits := sorted(
+        {str(policy.about.get("mlflow.source.git.commit", "")) for policy in policies.values()} - {""}
+    ):
+        lines.append(f"source: commit {', '.join(map(short, commits))}")
+    lines.append(f"this report was made on {machine()}")
+    return "## What was run\n\n" + "\n".join(f"- {line}" for line in lines)
+
+
+def settings(trials: Sequence[Trial], key: str) -> list[float]:
+    """The distinct values of a setting over the trials that have a configuration."""
+    return sorted({float(trial.config[key]) for trial in trials if trial.config.get(key) is not None})
+
+
+def shorter(budget: Sequence[float], trials: Sequence[Trial]) -> str:
+    """How the budget compares with the paper's, and how much of it the trials took."""
+    paper = config.load(["train_paper"])["budget"]["env_steps"]
+    said = f", shorter than the paper's {paper:,}" if min(budget) < paper else ""
+    taken = [trial.env_steps for trial in trials if trial.finished]
+    if taken and min(taken) < min(budget):
+        said += f"; finished trials took {span(min(taken), max(taken), ',.0f')}"
+    return said
+
+
+def short(commit: str) -> str:
+    """A commit as people write it."""
+    name, dash, dirty = commit.partition("-")
+    return f"{name[:10]}{dash}{dirty}"
+
+
+def curves(variants: Sequence[Learning], picture: Picture) -> str:
+    """The learning curves and the table of their ends."""
+    threshold = halfway(variants)
+    header = ["variant", "seeds", "final return", "IQM [95 %]", "stochastic", "mean over training",
+              "completed", "eta", "elements", f"steps to {threshold:.1f}"]  # fmt: skip
+    rows = [
+        [
+            mark(variant),
+            f"{len(variant.used)} of {len(variant.trials)}",
+            spread(variant.finals[RETURN], ".1f"),
+            bracketed(variant.final, ".1f", len(variant.used)),
+            spread(variant.finals[STOCHASTIC], ".1f"),
+            spread(variant.mean_over_training(), ".1f"),
+            spread(100 * variant.finals[COMPLETION], ".0f") + ("" if not variant.used else " %"),
+            spread(variant.finals[QUALITY], ".3f"),
+            spread(variant.finals[ELEMENTS], ".0f"),
+            reached(variant, threshold),
+        ]
+        for variant in variants
+    ]
+    partly = ""
+    if any(len(variant.used) < len(variant.trials) or variant.provisional for variant in variants):
+        partly = " Figures are of finished trials; *: none is finished, of those that were begun, provisional."
+    return (
+        f"## Learning\n\n{picture('curves', 'return and completion rate against environment steps')}\n\n"
+        f"{markdown(header, rows)}\n\n"
+        f"Of deterministic evaluation episodes, where nothing else is said; ± is the deviation over seeds. A seed's "
+        f"final figure is the mean of its last {LAST} evaluations. IQM: interquartile mean over seeds, with its 95 % "
+        f"bootstrap interval. Steps: until the IQM curve first reaches a return of {threshold:.1f}, half-way from the "
+        f"first evaluations to the best variant's final IQM; in brackets the seeds that do and when.{partly}"
+    )
+
+
+def mark(variant: Learning) -> str:
+    """A variant's label, with a star where its figures are provisional."""
+    return cell(f"{variant.label}*" if variant.provisional else variant.label)
+
+
+def reached(variant: Learning, threshold: float) -> str:
+    """When a variant first reaches a return."""
+    if not variant.used or math.isnan(threshold):
+        return "-"
+    curve, each = variant.steps_to(threshold)
+    if len(each) == 1:
+        return "never" if curve is None else thousands(curve)
+    known = [steps for steps in each if steps is not None]
+    when = f": {span(min(known) / 1000, max(known) / 1000, ',.0f')}k" if known else ""
+    return f"{'never' if curve is None else thousands(curve)} ({len(known)} of {len(each)}{when})"
+
+
+def domains(variants: Sequence[Learning], transfer: Transfer, episodes: int, picture: Picture) -> str:
+    """Every policy on every domain."""
+    parts = [f"## Every policy on {count(len(transfer.domains), 'domain')}"]
+    if transfer.domains and transfer.policies:
+        parts.append(picture("profile", "share of runs and domains above a score"))
+        parts += [domain_table(variants, transfer, kind) for kind in KINDS]
+        parts.append(
+            "Completion rate, and mean element quality eta of the cut elements, of each trial's best policy, in "
+            f"{count(episodes, 'episode')} on each domain: mean ± deviation over seeds. Deterministic: the policy's "
+            "mean action, drawn only after a rejected one; stochastic: every action drawn. Score, in [0, 1]: mean over "
+            "episodes of eta, 0 where the mesh is not complete; its line is the IQM over seeds and domains with the "
+            "95 % bootstrap interval."
+        )
+    if transfer.skipped:
+        parts.append("Left out:\n\n" + "\n".join(f"- {name}: {why}" for name, why in transfer.skipped.items()))
+    return "\n\n".join(parts)
+
+
+def domain_table(variants: Sequence[Learning], transfer: Transfer, kind: str) -> str:
+    """Completion and quality of one kind of episodes: a line a domain, a column a variant, the score at the end."""
+    known = [variant for variant in variants if transfer.of(variant.label, "score", kind).size]
+    done = {v.label: transfer.of(v.label, "completion_rate", kind) for v in known}
+    eta = {v.label: transfer.of(v.label, "element_quality", kind) for v in known}
+    scores = {v.label: transfer.of(v.label, "score", kind) for v in known}
+    rows = [
+        [name, *(both(done[v.label][:, j], eta[v.label][:, j]) for v in known)]
+        for j, name in enumerate(transfer.domains)
+    ]
+    rows.append(["score", *(bracketed(centre(scores[v.label]), ".3f", len(scores[v.label])) for v in known)])
+    return markdown([kind, *(mark(variant) for variant in known)], rows)
+
+
+def both(done: Floats, eta: Floats) -> str:
+    """Completion rate and quality in one cell."""
+    return f"{100 * np.mean(done):.0f} %, {spread(eta, '.3f')}"
+
+
+def pairs(comparisons: Sequence[Comparison], every: int, picture: Picture) -> str:
+    """Variants against each other; ``every`` is how many pairs there are."""
+    fewer = f" All {every} pairs are in comparisons.csv." if len(comparisons) < every else ""
+    rows = [
+        [
+            cell(f"{found.x} > {found.y}"),
+            f"{found.runs[0]} / {found.runs[1]}",
+            probability(found),
+            f"{found.chance:.3f}",
+            "-" if found.by_score is None else bracketed(found.by_score, ".2f", max(found.runs)),
+        ]
+        for found in comparisons
+    ]
+    header = ["X > Y", "seeds", "by final return [95 %]", "chance", "by score on the domains [95 %]"]
+    return (
+        f"## Pair by pair\n\n{picture('improvement', 'probability of improvement, pair by pair')}\n\n"
+        f"{markdown(header, rows)}\n\nProbability that a run of X beats a run of Y, ties counting half; the variant "
+        "with the higher final IQM stands first. Chance: how often equal variants would come out in this order by the "
+        f"final return, as clearly or more (permutation test, one-sided).{fewer}"
+    )
+
+
+def trials(results: Results) -> str:
+    """Every trial, and what went wrong with those that failed."""
+    rows = [
+        [cell(trial.label), str(trial.seed), trial.status, f"{trial.env_steps:,}", hours(trial.seconds),
+         f"`{trial.run.path.name}`"]
+        for trial in results.trials
+    ]  # fmt: skip
+    parts = [
+        "## Trials",
+        markdown(["trial" if results.search else "variant", "seed", "status", "env steps", "time", "run"], rows),
+    ]
+    if not results.search and (differing := differences(results.variants)):
+        parts.append(differing)
+    failed = [trial for trial in results.trials if trial.error]
+    if failed:
+        told = "\n".join(f"- {trial.label}, seed {trial.seed}: {cell(trial.error)}" for trial in failed)
+        parts.append(f"What went wrong:\n\n{told}")
+    return "\n\n".join(parts)
+
+
+def differences(variants: Mapping[str, Mapping[str, Any]]) -> str:
+    """What the variants set; empty when nothing."""
+    told = [
+        f"- {label}: " + ", ".join(f"`{key}={value}`" for key, value in own.items()) for label, own in variants.items()
+    ]
+    return "Settings of the variants:\n\n" + "\n".join(told) if any(variants.values()) else ""
+
+
+METHOD = """\
+## Method
+
+Interquartile means, percentile bootstrap intervals (2,000 resamples, runs drawn anew within each domain; for curves
+whole runs), score profiles and probabilities of improvement after Agarwal, Schwarzer, Castro, Courville and Bellemare
+(2021), *Deep reinforcement learning at the edge of the statistical precipice*. Intervals of very few seeds are too
+narrow: read those of three as a lower bound on the uncertainty. Curves are interpolated between evaluations and drawn
+where all seeds of a variant have values. All numbers of the pictures are in the CSV files."""

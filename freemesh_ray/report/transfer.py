@@ -1,0 +1,92 @@
+"""Every trained policy on every domain of the study, also those that it was not trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.domain import RandomDomains, source
+from envs.types import Domain, DomainError, Floats
+from freemesh_ray.evaluate import Evaluated, evaluation_episodes, summary
+from freemesh_ray.policy import Policy, PolicyError
+from freemesh_ray.report.results import Trial
+
+KINDS = ("deterministic", "stochastic")
+#: Of the draws: the same for all policies.
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Figures of the trained policies.
+
+    Attributes:
+        domains: names of those that could be loaded.
+        skipped: what the study calls a domain, or a trial -> why it is missing.
+        policies: label, seed -> the best policy of the trial, in the order of the trials.
+        figures: label, seed, domain, kind -> evaluate.summary and ``score``.
+    """
+
+    domains: list[str]
+    skipped: dict[str, str]
+    policies: Mapping[tuple[str, int], Policy]
+    figures: Mapping[tuple[str, int, str, str], Mapping[str, float]]
+
+    def of(self, label: str, figure: str, kind: str) -> Floats:
+        """(n, m): a figure of the n policies of a variant on the m domains."""
+        rows = [
+            [self.figures[label, seed, domain, kind][figure] for domain in self.domains]
+            for trained, seed in self.policies
+            if trained == label
+        ]
+        return np.array(rows, dtype=np.float64).reshape(len(rows), len(self.domains))
+
+
+def transfer(
+    trials: Sequence[Trial], domains: Sequence[str], episodes: int, note: Callable[[str], None] = lambda line: None
+) -> Transfer:
+    """Evaluate the best policy of each trial on each domain.
+
+    Args:
+        trials: those to look at.
+        domains: names as of ``freemesh mesh``, or ``random``.
+        episodes: on each domain, deterministic and again stochastic.
+        note: called with a line for each policy.
+    """
+    found, skipped = loaded(domains)
+    policies, figures = {}, {}
+    for trial in trials:
+        try:
+            policy = policies[trial.label, trial.seed] = Policy.load(trial.run.policy)
+        except PolicyError as error:
+            skipped[f"{trial.label}, seed {trial.seed}"] = str(error)
+            continue
+        note(f"{trial.label}, seed {trial.seed}: {len(found)} domains")
+        for name, entry in found.items():
+            for kind in KINDS:
+                results = evaluation_episodes(policy, entry, episodes, stochastic=kind == "stochastic", seed=SEED)
+                figures[trial.label, trial.seed, name, kind] = {**summary(results), "score": score(results)}
+    return Transfer(list(found), skipped, policies, figures)
+
+
+def loaded(domains: Sequence[str]) -> tuple[dict[str, Domain | RandomDomains], dict[str, str]]:
+    """Name -> domain; and what the study calls the others -> why they cannot be used."""
+    found: dict[str, Domain | RandomDomains] = {}
+    skipped: dict[str, str] = {}
+    for spec in domains:
+        try:
+            entry = source(spec)
+            if isinstance(entry, Domain) and len(entry.ring) < 6:
+                raise DomainError(f"{spec}: {len(entry.ring)} vertices are one element")
+        except DomainError as error:
+            skipped[spec] = str(error)
+        else:
+            found[spec if entry.name in found else entry.name] = entry
+    return found, skipped
+
+
+def score(results: Sequence[Evaluated]) -> float:
+    """In [0, 1], for a policy on a domain: mean over episodes of the element quality, 0 where not completed."""
+    return float(np.mean([result.completed * result.mean_eta for result in results]))

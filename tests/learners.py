@@ -1,0 +1,50 @@
+"""Learners of the replaying algorithms on their own, and batches for them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from ray.rllib.core.columns import Columns
+from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID, MultiAgentBatch, SampleBatch
+
+from freemesh_ray.algorithms.off_policy import OffPolicyConfig
+from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
+
+OBS, ACT, BATCH = 7, 3, 32
+
+
+def learner(config: OffPolicyConfig, seed: int = 0) -> OffPolicyLearner:
+    """The configuration's learner with networks of 16 x 16 and minibatches of BATCH."""
+    torch.manual_seed(seed)
+    config.training(train_batch_size_per_learner=BATCH, hidden=[16, 16]).debugging(seed=seed)
+    spec = config.get_default_rl_module_spec()
+    spec.observation_space, spec.action_space = spaces.Box(-1, 1, (OBS,)), spaces.Box(-1, 1, (ACT,))
+    built = config.get_default_learner_class()(config=config, module_spec=spec)
+    built.build()
+    return built
+
+
+def module(built: OffPolicyLearner) -> Any:
+    """What the learner updates."""
+    return built.module[DEFAULT_POLICY_ID]
+
+
+def batch(count: int, seed: int = 1) -> dict[str, np.ndarray]:
+    """``count`` minibatches of random transitions."""
+    random, rows = np.random.default_rng(seed), count * BATCH
+    return {
+        Columns.OBS: random.standard_normal((rows, OBS)).astype(np.float32),
+        Columns.ACTIONS: random.uniform(-1, 1, (rows, ACT)).astype(np.float32),
+        Columns.REWARDS: random.standard_normal(rows).astype(np.float32),
+        Columns.NEXT_OBS: random.standard_normal((rows, OBS)).astype(np.float32),
+        Columns.TERMINATEDS: (random.random(rows) < 0.2).astype(np.float32),
+    }
+
+
+def update(built: OffPolicyLearner, rows: dict[str, np.ndarray]) -> dict[str, Any]:
+    """All minibatches of ``rows``, in order; the figures."""
+    multi = MultiAgentBatch({DEFAULT_POLICY_ID: SampleBatch(rows)}, env_steps=len(rows[Columns.REWARDS]))
+    return built.update(batch=multi, timesteps={})[DEFAULT_POLICY_ID]
