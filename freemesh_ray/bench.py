@@ -17,7 +17,7 @@ from envs.domain import from_rings, load
 from envs.episodes import Episodes
 from envs.random_domain import circle
 from envs.types import Domain, MeshingParameters
-from freemesh_ray import plots
+from freemesh_ray import pendulum, plots
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.mesher import make
 from freemesh_ray.policy import Policy
@@ -30,6 +30,8 @@ DOMAIN, ENVS, RATIO = "T1", 16, 0.5
 FRAGMENTS = (8, 64, 256)
 CURVE_SEEDS = (356, 567, 999)
 CURVE_STEPS = 60_000
+#: Env steps of each algorithm on Pendulum.
+PENDULUM_STEPS = {"sac": 6_000, "td3": 10_000, "ddpg": 8_000, "ppo": 50_000}
 #: Vertices of the discs and crosses that the mesher is timed on.
 DISCS, CROSSES = (50, 100, 250, 500, 1000, 2000), (250, 500, 1000, 2000)
 
@@ -42,9 +44,10 @@ def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy) -
         "sampling": lambda: bench_sampling(seconds),
         "mesher": lambda: bench_mesher(policy),
         "curves": lambda: bench_curves(folder),
+        "algorithms": bench_algorithms,
     }
     for part in parts:
-        if part in ("learner", "curves") and find_spec("stable_baselines3") is None:
+        if part in ("learner", "curves", "algorithms") and find_spec("stable_baselines3") is None:
             print(f"{part}: skipped, Stable-Baselines3 is not installed (pip install stable-baselines3)")
             continue
         measurements[part]()
@@ -251,6 +254,23 @@ def bench_sampling(seconds: float) -> None:
         rows.append([str(runners), *(f"{speed:,.0f}" for speed in speeds)])
     print(f"sampling, {ENVS} environments a runner: transitions a second, to the learner's process")
     print(table(["env runners", *(f"{steps} steps a round" for steps in FRAGMENTS)], rows))
+
+
+def bench_algorithms() -> None:
+    """What each algorithm has learnt of Pendulum, ours and Stable-Baselines3's in turn: same numbers, three seeds."""
+    rows = []
+    for name, steps in PENDULUM_STEPS.items():
+        pairs = []
+        for seed in CURVE_SEEDS:
+            with local_ray(0):
+                own = pendulum.our_training(name, seed, steps)
+            pairs.append((own, pendulum.their_training(name, seed, steps)))
+            print(f"{name}, seed {seed}: done", file=sys.stderr, flush=True)
+        scores = [" ".join(f"{one[side][0]:.0f}" for one in pairs) for side in (0, 1)]
+        ratio = float(np.median([theirs[1] / ours[1] for ours, theirs in pairs]))
+        rows.append([name, f"{steps:,}", *scores, f"{ratio:.1f}"])
+    print(f"algorithms on Pendulum: mean return of {pendulum.EPISODES} episodes, {len(CURVE_SEEDS)} seeds")
+    print(table(["", "env steps", "freemesh-ray", "Stable-Baselines3", "times as fast"], rows))
 
 
 def bench_curves(folder: Path) -> None:

@@ -158,9 +158,9 @@ def parser() -> argparse.ArgumentParser:
     bench.add_argument(
         "--part",
         action="append",
-        choices=["env", "learner", "sampling", "mesher", "curves"],
+        choices=["env", "learner", "sampling", "mesher", "curves", "algorithms"],
         metavar="PART",
-        help="env, learner, sampling (default: these three), mesher or curves (against "
+        help="env, learner, sampling (default: these three), mesher, curves or algorithms (against "
         "Stable-Baselines3, long); repeatable",
     )
     bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: the shipped one)")

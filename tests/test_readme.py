@@ -10,6 +10,7 @@ import pytest
 
 import envs  # noqa: F401
 from freemesh_ray import cli, config
+from freemesh_ray.study import definition as studies
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -44,9 +45,17 @@ def test_environment_lines_run() -> None:
     assert names["many"].num_envs == 64
 
 
-@pytest.mark.parametrize("name", config.shipped())
+@pytest.mark.parametrize("name", sorted(set(config.shipped()) - set(studies.shipped())))
 def test_every_shipped_configuration_loads(name: str) -> None:
     assert config.load([] if name == "defaults" else [name])["learner"]["gamma"] == 0.99
+
+
+def test_the_study_of_one_s_own_is_one(tmp_path: Path) -> None:
+    (block,) = re.findall(r"```yaml\n(.*?)```", README, re.S)
+    (tmp_path / "mine.yaml").write_text(block)
+    study = studies.load(tmp_path / "mine.yaml")
+    assert study.trial_config("near", 356)["learner"]["gamma"] == 0.9
+    assert study.trial_config("far", 356)["budget"]["env_steps"] == 50_000
 
 
 def test_the_lock_pins_everything() -> None:
