@@ -69,8 +69,8 @@ def register(
             raise TrackingError(f"{uri}: has no run {run}: deliver it first (freemesh sync), or give another run")
         mark = fingerprint(policy, source.data.tags.get("freemesh.id", source.info.run_id))
         return add_version(
-            client, Path(policy), source, mark=mark, name=name, alias=alias, tags={**(tags or {}), **commit(provenance())},
-            description=description,
+            client, Path(policy), source, mark=mark, name=name, alias=alias,
+            tags={**(tags or {}), **commit(provenance())}, description=description,
         )  # fmt: skip
     except TrackingError:
         raise

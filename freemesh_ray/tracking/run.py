@@ -188,6 +188,7 @@ class Run:
             try:
                 self._courier.deliver()
                 self._ready.set()
+                self._courier.deliver_shared()
                 if first:
                     self._courier.bury_the_dead()
                 if away:
