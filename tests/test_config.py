@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from envs.types import OBSERVATIONS, RADII, MeshingParameters
 from freemesh_ray.config import (
-    AT_MOST,
     SCHEMA,
     SHORTHANDS,
     ConfigError,
@@ -24,6 +23,7 @@ from freemesh_ray.config import (
     load,
     meshing_parameters,
 )
+from freemesh_ray.config.schema import AT_MOST
 
 DEFAULTS_TEXT = (resources.files("tune_configs") / "defaults.yaml").read_text(encoding="utf-8")
 

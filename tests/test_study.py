@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from freemesh_ray.study.folder import StudyFolder
+from freemesh_ray.studies import StudyFolder
 
 SCRIPT = Path(__file__).parent / "fake_study.py"
 SETTINGS = {

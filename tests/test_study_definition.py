@@ -188,7 +188,8 @@ def test_a_run_s_identity_is_all_that_decides_its_result(key: str):
         value = OTHER[SCHEMA[key].kind]
         changed[section][name] = value if flat[key] != value else "yet another"
     same = plan.identity(changed, "source") == plan.identity(tree, "source")
-    assert same == key.startswith(plan.INDIFFERENT)
+    others = ("td3.", "ddpg.", "ppo.")  # the tree is sac's
+    assert same == key.startswith(plan.INDIFFERENT + others)
 
 
 def test_another_source_is_another_run():

@@ -6,10 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import numpy as np
-
-from envs.types import Floats
-from freemesh_ray.report.learning import RETURN, Learning
+from freemesh_ray.report.learning import Learning, centre
 from freemesh_ray.report.results import Expectation
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.statistics.bootstrap import Interval
@@ -26,15 +23,15 @@ class Comparison:
     Attributes:
         x, y: labels.
         runs: of x and of y.
-        by_return: P(X > Y) by the final return.
-        chance: how often equal variants would come out in this order as clearly or more, by the final return.
+        by_final: P(X > Y) by the final value of the metric.
+        chance: how often equal variants would come out in this order by it, as clearly or more.
         by_score: P(X > Y) by the score on the evaluation domains; None without any.
     """
 
     x: str
     y: str
     runs: tuple[int, int]
-    by_return: Interval
+    by_final: Interval
     chance: float
     by_score: Interval | None
 
@@ -55,10 +52,9 @@ class Outcome:
 
 
 def compared(variants: Sequence[Learning], transfer: Transfer) -> list[Comparison]:
-    """All pairs of variants with evaluations, the one with the higher final return first."""
-    ranked = sorted(
-        (variant for variant in variants if final(variant).size), key=lambda variant: -float(variant.final.value)
-    )
+    """All pairs of variants with evaluations, the one with the higher final metric first."""
+    known = [variant for variant in variants if variant.judged.size]
+    ranked = sorted(known, key=lambda variant: -float(centre(variant.judged).value))
     return [compare(x, y, transfer) for x, y in combinations(ranked, 2)]
 
 
@@ -70,31 +66,25 @@ def telling(comparisons: Sequence[Comparison]) -> list[Comparison]:
 
 def compare(x: Learning, y: Learning, transfer: Transfer) -> Comparison:
     """Two variants that have evaluations."""
-    a, b = final(x), final(y)
+    a, b = x.judged, y.judged
     scores = [transfer.of(variant.label, "score", "deterministic") for variant in (x, y)]
     by_score = improvement_interval(*scores) if all(each.size for each in scores) else None
-    by_return = improvement_interval(a[:, None], b[:, None])
-    by_chance = chance(a, b) if by_return.value >= 0.5 else chance(b, a)
-    return Comparison(x.label, y.label, (len(a), len(b)), by_return, by_chance, by_score)
+    by_final = improvement_interval(a[:, None], b[:, None])
+    by_chance = chance(a, b) if by_final.value >= 0.5 else chance(b, a)
+    return Comparison(x.label, y.label, (len(a), len(b)), by_final, by_chance, by_score)
 
 
 def outcomes(expects: Sequence[Expectation], variants: Sequence[Learning], transfer: Transfer) -> list[Outcome]:
-    """What the runs say on each expectation, by the final return."""
+    """What the runs say on each expectation, by the final value of the metric."""
     by_label: Mapping[str, Learning] = {variant.label: variant for variant in variants}
     found = []
     for expectation in expects:
         x, y = by_label[expectation.better], by_label[expectation.worse]
-        if not final(x).size or not final(y).size:
+        if not x.judged.size or not y.judged.size:
             found.append(Outcome(expectation, None, Verdict.UNDECIDED))
             continue
         # Looking again and again while runs come in would find an order by chance sooner or later.
         early = any(variant.under_way or variant.provisional for variant in (x, y))
-        said = Verdict.UNDECIDED if early else verdict(final(x), final(y))
+        said = Verdict.UNDECIDED if early else verdict(x.judged, y.judged)
         found.append(Outcome(expectation, compare(x, y, transfer), said))
     return found
-
-
-def final(variant: Learning) -> Floats:
-    """(n,) the finite final returns of a variant's seeds."""
-    scores = variant.finals[RETURN]
-    return scores[np.isfinite(scores)]

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.types import Floats
-from freemesh_ray.report.results import Results, Trial
+from freemesh_ray.report.results import RETURN, Results, Trial
 from freemesh_ray.statistics.bootstrap import Interval, stratified_interval
 from freemesh_ray.statistics.curves import aligned, final_score, mean_over_training, steps_to
 from freemesh_ray.statistics.interquartile import interquartile_mean_of_runs
 
-#: The paper's learning curves: mean return of ten evaluation episodes every 10,000 steps.
-RETURN, STOCHASTIC = "eval_deterministic/return", "eval_stochastic/return"
+STOCHASTIC = "eval_stochastic/return"
 COMPLETION = "eval_deterministic/completion_rate"
 QUALITY, ELEMENTS = "eval_deterministic/element_quality", "eval_deterministic/elements"
 
@@ -50,6 +49,7 @@ class Learning:
         used: those that its figures are of: the finished ones, or before there is one those with an evaluation.
         bands: figure -> its curve.
         finals: figure -> (n,) each seed's mean over its last evaluations, in the order of ``used``.
+        metric: the figure that the study's variants are judged by.
     """
 
     label: str
@@ -57,6 +57,13 @@ class Learning:
     used: Sequence[Trial]
     bands: dict[str, Band]
     finals: dict[str, Floats]
+    metric: str
+
+    @property
+    def judged(self) -> Floats:
+        """(n,) the seeds' finite final values of the metric."""
+        values = self.finals[self.metric]
+        return values[np.isfinite(values)]
 
     @property
     def final(self) -> Interval:
@@ -86,15 +93,15 @@ class Learning:
 
 def learnt(results: Results) -> list[Learning]:
     """Every variant in the study's order; the same intervals every time."""
-    return [_learning(label, results.of(label)) for label in results.variants]
+    return [_learning(label, results.of(label), results.metric) for label in results.variants]
 
 
-def _learning(label: str, trials: Sequence[Trial]) -> Learning:
+def _learning(label: str, trials: Sequence[Trial], metric: str) -> Learning:
     begun = [trial for trial in trials if trial.evaluations and trial.status != "failed"]
     used = [trial for trial in begun if trial.finished] or begun
     bands = {figure: band([trial.curve(figure) for trial in used]) for figure in CURVES}
-    finals = {figure: np.array([final_score(trial.curve(figure)[1]) for trial in used]) for figure in FINALS}
-    return Learning(label, trials, used, bands, finals)
+    finals = {figure: np.array([final_score(trial.curve(figure)[1]) for trial in used]) for figure in {*FINALS, metric}}
+    return Learning(label, trials, used, bands, finals, metric)
 
 
 def band(curves: Sequence[tuple[Floats, Floats]]) -> Band:

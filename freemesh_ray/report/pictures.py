@@ -12,7 +12,8 @@ from envs.types import Floats
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements
 from freemesh_ray.plots.page import SUFFIXES, save
 from freemesh_ray.report.comparisons import Comparison
-from freemesh_ray.report.learning import COMPLETION, RETURN, Learning
+from freemesh_ray.report.learning import COMPLETION, Learning
+from freemesh_ray.report.results import RETURN
 from freemesh_ray.statistics.bootstrap import Interval
 
 #: Scores at which profiles are taken.
@@ -57,11 +58,11 @@ def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
     return both(folder, "profile", lambda path: draw_bands([panel], path, "Performance profile", note))
 
 
-def improvement(folder: Path, comparisons: Sequence[Comparison]) -> Path:
-    """Probability of improvement of the pairs."""
+def improvement(folder: Path, comparisons: Sequence[Comparison], by: str) -> Path:
+    """Probability of improvement of the pairs; ``by`` names the figure that they are judged by."""
     pairs = []
     for found in comparisons:
-        intervals = {"by final return": found.by_return}
+        intervals = {f"by {by}": found.by_final}
         if found.by_score is not None:
             intervals["by score on the domains"] = found.by_score
         pairs.append(Pair(found.x, found.y, intervals))

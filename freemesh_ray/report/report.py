@@ -18,6 +18,7 @@ from freemesh_ray.report.printed import paper_table
 from freemesh_ray.report.results import Results, read
 from freemesh_ray.report.sections import Picture
 from freemesh_ray.report.transfer import Transfer, transfer
+from freemesh_ray.report.wording import final
 from freemesh_ray.statistics.profile import performance_profile
 
 #: Of the evaluation of every policy on every domain, as in the paper.
@@ -86,16 +87,16 @@ def trained(results: Results, out: Path, episodes: int, note: Callable[[str], No
     if moved.figures:
         drawn.append(profiles(out, results, moved))
     if shown := telling(found):
-        drawn.append(pictures.improvement(out, shown))
+        drawn.append(pictures.improvement(out, shown, final(results.metric)))
 
     def text(picture: Picture) -> tuple[list[str], list[str]]:
         main = [
             sections.opening(results),
-            sections.expectations(said) if said else "",
+            sections.expectations(said, final(results.metric)) if said else "",
             sections.curves(variants, picture),
             f"## The paper's table\n\n{printed}" if printed else "",
             sections.domains(variants, moved, episodes, picture) if results.domains else "",
-            sections.pairs(shown, len(found), picture) if shown else "",
+            sections.pairs(shown, len(found), final(results.metric), picture) if shown else "",
             sections.what_was_run(results, moved.policies),
         ]
         return main, [sections.trials(results), sections.METHOD]

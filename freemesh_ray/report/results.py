@@ -21,8 +21,10 @@ import yaml
 from envs.types import Floats
 from freemesh_ray.config import flatten
 from freemesh_ray.runs import RunError, RunFolder, evaluated_at
+from freemesh_ray.studies import STATUSES
 
-STATUSES = ("finished", "failed", "running", "pending", "stopped")
+#: The paper's learning curves: mean return of ten evaluation episodes every 10,000 steps.
+RETURN = "eval_deterministic/return"
 
 
 class ResultsError(RunError):
@@ -116,11 +118,12 @@ class Results:
         title: of the figure.
         paper: where the figure or table stands in the paper; may be empty.
         finding: what the paper finds; may be empty.
-        expects: comparisons by the final return that the paper's finding amounts to.
+        expects: comparisons by the metric's final value that the paper's finding amounts to.
         variants: label -> dotted settings that differ, in the study's order.
         seeds: of the trials of each variant.
         domains: what every trained policy is evaluated on.
         settings: dotted settings common to all trials.
+        metric: the figure of an evaluation that variants, or a search's trials, are judged by.
         search: whether it is a search: one trial a label, with settings of its own.
         trials: all of them, in the study's order.
     """
@@ -134,6 +137,7 @@ class Results:
     seeds: Sequence[int]
     domains: Sequence[str]
     settings: Mapping[str, Any]
+    metric: str
     search: bool
     trials: Sequence[Trial]
 
@@ -177,6 +181,7 @@ def read(folder: Path) -> Results:
             seeds=[int(seed) for seed in about.get("seeds") or []],
             domains=[str(domain) for domain in about.get("domains") or []],
             settings=flatten(settings),
+            metric=str(about.get("metric") or RETURN),
             search=bool(about.get("search")),
             trials=trials,
         )

@@ -17,12 +17,12 @@ from freemesh_ray.report.learning import COMPLETION, QUALITY, RETURN
 from freemesh_ray.report.pictures import both
 from freemesh_ray.report.results import Results, Trial
 from freemesh_ray.report.sections import Picture
-from freemesh_ray.report.wording import cell, count
+from freemesh_ray.report.wording import cell, count, final
 from freemesh_ray.statistics.curves import LAST, final_score
 from freemesh_ray.table import markdown, number
 
 #: Figures of a trial beside its settings -> column, format.
-COLUMNS = {RETURN: ("final return", ".1f"), COMPLETION: ("completed", ".0%"), QUALITY: ("eta", ".3f")}
+COLUMNS = {RETURN: ("return", ".1f"), COMPLETION: ("completed", ".0%"), QUALITY: ("eta", ".3f")}
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class Ranked:
 
 
 def ranked(results: Results) -> Ranked:
-    """The trials by their final return: the mean of their last evaluations."""
+    """The trials by the study's metric: the mean of their last evaluations."""
     scored = []
     for trial in results.trials:
-        figures = {figure: final_score(trial.curve(figure)[1]) for figure in COLUMNS}
-        if trial.status != "failed" and np.isfinite(figures[RETURN]):
+        figures = {figure: final_score(trial.curve(figure)[1]) for figure in [results.metric, *COLUMNS]}
+        if trial.status != "failed" and np.isfinite(figures[results.metric]):
             scored.append((trial, figures))
-    scored.sort(key=lambda entry: -entry[1][RETURN])
+    scored.sort(key=lambda entry: -entry[1][results.metric])
     names = list(dict.fromkeys(name for trial in results.trials for name in trial.settings))
     usual = config.flatten(config.load()) | dict(results.settings)
     places = [i for i, (trial, _) in enumerate(scored) if is_default(trial, usual)]
@@ -62,31 +62,34 @@ def is_default(trial: Trial, usual: dict[str, Any]) -> bool:
 def section(found: Ranked, picture: Picture, results: Results) -> str:
     """The ranking in words, the picture, the best settings and the table."""
     if not found.trials:
-        return "## Trials by final return\n\nNo trial has an evaluation yet."
+        return f"## Trials by {final(results.metric)}\n\nNo trial has an evaluation yet."
     (best, figures), total = found.trials[0], len(found.trials)
-    parts = ["## Trials by final return"]
-    told = f"The best of {count(total, 'trial')} is {best.label} with a final return of {figures[RETURN]:.1f}."
+    by = final(results.metric)
+    parts = [f"## Trials by {by}"]
+    told = f"The best of {count(total, 'trial')} is {best.label} with a {by} of {figures[results.metric]:.4g}."
     if found.default is None:
         told += " None of them has the default settings."
     else:
-        usual = found.trials[found.default][1][RETURN]
-        told += f" The default is number {found.default + 1} of {total}, with {usual:.1f}."
+        usual = found.trials[found.default][1][results.metric]
+        told += f" The default is number {found.default + 1} of {total}, with {usual:.4g}."
     parts.append(told)
     if best.settings:
         sets = " ".join(f"--set {shlex.quote(f'{name}={value}')}" for name, value in best.settings.items())
         parts.append(f"The best settings:\n\n```\n{sets}\n```")
     if drawn(found):
-        parts.append(picture("settings", "final return against each setting that was searched"))
+        parts.append(picture("settings", f"{by} against each setting that was searched"))
     rows = []
+    columns = {key: column for key, column in COLUMNS.items() if key != results.metric}
     for i, (trial, values) in enumerate(found.trials):
         name = f"**{cell(trial.label)}** (default)" if i == found.default else cell(trial.label)
         own = [cell(shown(value_of(trial, setting, results))) for setting in found.names]
-        cells = [number(values[key], form) for key, (_, form) in COLUMNS.items()]
+        cells = [f"{values[results.metric]:.4g}"]
+        cells += [number(values[key], form) for key, (_, form) in columns.items()]
         rows.append([f"{i + 1}", name, *own, *cells, f"{trial.env_steps:,}", trial.status])
-    titles = [title for title, _ in COLUMNS.values()]
+    titles = [by, *(title for title, _ in columns.values())]
     parts.append(markdown(["rank", "trial", *found.names, *titles, "env steps", "status"], rows))
     parts.append(
-        f"Final figures are means of the last {LAST} deterministic evaluations, one seed each: differences of a few "
+        f"Figures are means of the last {LAST} evaluations, one seed each: differences of a few "
         "ranks are within the noise of a seed, and the best of many trials is the luckiest, too. Trials that were "
         "stopped early are ranked by where they were stopped."
     )
@@ -109,12 +112,12 @@ def drawn(found: Ranked) -> bool:
 
 
 def picture(folder: Path, found: Ranked, results: Results) -> Path:
-    """Final return against each setting."""
+    """The metric against each setting."""
     settings = {name: [value_of(trial, name, results) for trial, _ in found.trials] for name in found.names}
-    scores = np.array([figures[RETURN] for _, figures in found.trials])
+    scores = np.array([figures[results.metric] for _, figures in found.trials])
     return both(
         folder, "settings",
-        lambda path: draw_settings(settings, scores, path, "final return", found.default, results.title),
+        lambda path: draw_settings(settings, scores, path, final(results.metric), found.default, results.title),
     )  # fmt: skip
 
 
@@ -125,6 +128,7 @@ def table(path: Path, found: Ranked, results: Results) -> Path:
          *(value_of(trial, name, results) for name in found.names), *figures.values()]
         for i, (trial, figures) in enumerate(found.trials)
     ]  # fmt: skip
+    figures = dict.fromkeys([results.metric, *COLUMNS])
     return numbers.write(
-        path, ["rank", "trial", "seed", "status", "env_steps", "default", *found.names, *COLUMNS], rows
+        path, ["rank", "trial", "seed", "status", "env_steps", "default", *found.names, *figures], rows
     )

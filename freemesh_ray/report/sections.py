@@ -45,8 +45,8 @@ def opening(results: Results) -> str:
     return "\n\n".join(lines)
 
 
-def expectations(outcomes: Sequence[Outcome]) -> str:
-    """The paper's expectations and what came out."""
+def expectations(outcomes: Sequence[Outcome], by: str) -> str:
+    """The paper's expectations and what came out, by the figure that ``by`` names."""
     tally = Counter(outcome.verdict for outcome in outcomes)
     rows = []
     for outcome in outcomes:
@@ -57,7 +57,7 @@ def expectations(outcomes: Sequence[Outcome]) -> str:
         rows.append([str(outcome.expectation), f"{found.runs[0]} / {found.runs[1]}", probability(found),
                      f"{found.chance:.3f}", f"**{outcome.verdict}**"])  # fmt: skip
     told = ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said])
-    table = markdown(["expected, by the final return", "seeds", "P(X > Y) [95 %]", "chance", "verdict"], rows)
+    table = markdown([f"expected, by the {by}", "seeds", "P(X > Y) [95 %]", "chance", "verdict"], rows)
     return (
         f"## What the paper expects\n\n{told}.\n\n{table}\n\n"
         "Confirmed: the 95 % interval of P(X > Y) lies wholly above one half, and equal variants would come out in so "
@@ -67,8 +67,8 @@ def expectations(outcomes: Sequence[Outcome]) -> str:
 
 
 def probability(comparison: Comparison) -> str:
-    """P(X > Y) by the final return."""
-    return bracketed(comparison.by_return, ".2f", max(comparison.runs))
+    """P(X > Y) by the metric's final value."""
+    return bracketed(comparison.by_final, ".2f", max(comparison.runs))
 
 
 def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -> str:
@@ -202,8 +202,8 @@ def both(done: Floats, eta: Floats) -> str:
     return f"{100 * np.mean(done):.0f} %, {spread(eta, '.3f')}"
 
 
-def pairs(comparisons: Sequence[Comparison], every: int, picture: Picture) -> str:
-    """Variants against each other; ``every`` is how many pairs there are."""
+def pairs(comparisons: Sequence[Comparison], every: int, by: str, picture: Picture) -> str:
+    """Variants against each other, by the figure that ``by`` names; ``every`` is how many pairs there are."""
     fewer = f" All {every} pairs are in comparisons.csv." if len(comparisons) < every else ""
     rows = [
         [
@@ -215,12 +215,12 @@ def pairs(comparisons: Sequence[Comparison], every: int, picture: Picture) -> st
         ]
         for found in comparisons
     ]
-    header = ["X > Y", "seeds", "by final return [95 %]", "chance", "by score on the domains [95 %]"]
+    header = ["X > Y", "seeds", f"by {by} [95 %]", "chance", "by score on the domains [95 %]"]
     return (
         f"## Pair by pair\n\n{picture('improvement', 'probability of improvement, pair by pair')}\n\n"
         f"{markdown(header, rows)}\n\nProbability that a run of X beats a run of Y, ties counting half; the variant "
-        "with the higher final IQM stands first. Chance: how often equal variants would come out in this order by the "
-        f"final return, as clearly or more (permutation test, one-sided).{fewer}"
+        f"with the higher IQM of the {by} stands first. Chance: how often equal variants would come out in this order, "
+        f"as clearly or more (permutation test, one-sided).{fewer}"
     )
 
 

@@ -9,6 +9,12 @@ from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.statistics.curves import mean_and_deviation
 
 
+def final(metric: str) -> str:
+    """A metric's final value: ``final return``, ``final stochastic score``."""
+    kind, _, figure = metric.removeprefix("eval_").partition("/")
+    return f"final {'' if kind == 'deterministic' else kind + ' '}{figure.replace('_', ' ')}"
+
+
 def spread(values: Floats, form: str) -> str:
     """Mean ± deviation over seeds of the finite values; of one seed its value, a dash of none."""
     known = values[[math.isfinite(value) for value in values]]

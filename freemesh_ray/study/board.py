@@ -11,7 +11,7 @@ from typing import Any
 from ray.tune import Callback
 from ray.tune.experiment import Trial as TuneTrial
 
-from freemesh_ray.study.folder import OVER, Entry, StudyFolder
+from freemesh_ray.studies import OVER, Entry, StudyFolder
 from freemesh_ray.study.plan import Plan, Trial
 from freemesh_ray.study.trial_run import FINISHED
 from freemesh_ray.table import duration, number

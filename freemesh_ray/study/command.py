@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from freemesh_ray.table import table
 
 if TYPE_CHECKING:
+    from freemesh_ray.studies import Entry
     from freemesh_ray.study.definition import Study
-    from freemesh_ray.study.folder import Entry
     from freemesh_ray.study.running import Studied
 
 EPILOG = """\

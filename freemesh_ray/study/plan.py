@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from freemesh_ray.config import flatten
+from freemesh_ray.config import SCHEMA, flatten
 from freemesh_ray.runs import RunFolder
 from freemesh_ray.study.definition import Study
 
+#: Names of algorithms, which are also the sections of what is theirs alone.
+ALGORITHMS = SCHEMA["algorithm"].words
 #: Label of a search's trial that has the study's own settings.
 DEFAULT = "default"
 #: Settings that decide where things lie, and nothing of what is learnt.
@@ -119,7 +121,8 @@ def variants(study: Study, source: str) -> Variants:
 
 def identity(config: Mapping[str, Any], source: str) -> str:
     """Twelve hexadecimal digits that trainings with the same result have in common."""
-    deciding = {key: value for key, value in flatten(config).items() if not key.startswith(INDIFFERENT)}
+    others = tuple(f"{name}." for name in ALGORITHMS if name != config["algorithm"])
+    deciding = {key: value for key, value in flatten(config).items() if not key.startswith(INDIFFERENT + others)}
     return hashlib.sha256(json.dumps([deciding, source], sort_keys=True).encode()).hexdigest()[:12]
 
 

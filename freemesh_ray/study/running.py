@@ -18,10 +18,10 @@ from ray import tune
 from freemesh_ray.config import flatten
 from freemesh_ray.policy import Policy
 from freemesh_ray.provenance import source
+from freemesh_ray.studies import OVER, Entry, StudyFolder
 from freemesh_ray.study import search
 from freemesh_ray.study.board import Board, name_of
 from freemesh_ray.study.definition import Study
-from freemesh_ray.study.folder import OVER, Entry, StudyFolder
 from freemesh_ray.study.plan import Drawn, Plan, Variants, variants
 from freemesh_ray.study.trial_run import TrialRun, finished
 from freemesh_ray.tracking import Run, share

@@ -1,0 +1,33 @@
+"""One tree of settings: ``defaults.yaml``, then overlays, then ``key=value``; what is wrong says where and why.
+
+field (what a value may be) -> schema (every key) -> document (YAML) -> layer (an overlay) -> tree (all of them)
+"""
+
+from freemesh_ray.config.document import document, dump, plain, shipped
+from freemesh_ray.config.field import ConfigError, Field, check
+from freemesh_ray.config.layer import Layer, file_layer, set_layer, tree_layer, value_layer, values
+from freemesh_ray.config.schema import COUNT, SCHEMA, SHORTHANDS
+from freemesh_ray.config.tree import flatten, load, meshing_parameters, resolve
+
+__all__ = [
+    "COUNT",
+    "SCHEMA",
+    "SHORTHANDS",
+    "ConfigError",
+    "Field",
+    "Layer",
+    "check",
+    "document",
+    "dump",
+    "file_layer",
+    "flatten",
+    "load",
+    "meshing_parameters",
+    "plain",
+    "resolve",
+    "set_layer",
+    "shipped",
+    "tree_layer",
+    "value_layer",
+    "values",
+]

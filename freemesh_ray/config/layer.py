@@ -1,0 +1,123 @@
+"""Overlays: the settings of one file, one part of a file or one ``--set``, each with its place."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from freemesh_ray.config.document import composed, document, plain
+from freemesh_ray.config.field import ConfigError
+from freemesh_ray.config.schema import SCHEMA, SECTIONS
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One setting as written: its dotted key, its value and the place, for messages."""
+
+    key: str
+    value: Any
+    place: str
+
+
+#: The settings of one file, one part of a file or one ``--set``; made by `file_layer`, `set_layer` and `tree_layer`.
+Layer = Sequence[Entry]
+
+
+def file_layer(source: str | Path) -> Layer:
+    """The settings of one YAML file, as an overlay."""
+    name, root = document(source)
+    return tree_layer(root, name, 1)
+
+
+def tree_layer(node: yaml.Node, name: str, line: int) -> Layer:
+    """The settings of a YAML tree that begins on ``line`` of file ``name``, as an overlay.
+
+    Raises:
+        ConfigError: an unknown or repeated key.
+    """
+    return _unique(_entries(node, "", name, line))
+
+
+def set_layer(text: str) -> Layer:
+    """The settings of one ``key=value`` string, as an overlay."""
+    key, equals, value = text.partition("=")
+    place = f"--set {text}"
+    if not equals or not key.strip():
+        raise ConfigError(f"{place}: is not key=value: write for example learner.gamma=0.95")
+    return _unique(_entries(composed(value, place) or yaml.ScalarNode(_NULL, ""), key.strip(), place, line=None))
+
+
+_NULL = "tag:yaml.org,2002:null"
+
+
+def value_layer(values: Mapping[str, Any], place: str) -> Layer:
+    """Settings by dotted key, as an overlay; ``place`` is where they come from, for messages.
+
+    Raises:
+        ConfigError: an unknown key.
+    """
+    for key in values:
+        if key not in SCHEMA:
+            raise ConfigError(f"{place}: {key}: unknown key{_nearest(key)}")
+    return [Entry(key, value, place) for key, value in values.items()]
+
+
+def values(layer: Layer) -> dict[str, Any]:
+    """What an overlay sets, by dotted key, as written."""
+    return {entry.key: entry.value for entry in layer}
+
+
+def _entries(node: yaml.Node, key: str, place: str, line: int | None) -> Iterator[Entry]:
+    """Every setting below ``node``, which is what stands at ``key`` ("" at the root), on ``line`` of a file."""
+    here = place if line is None else f"{place}:{line}"
+    if key in SCHEMA:
+        yield Entry(key, _value(node, key, here), here)
+    elif key and key not in SECTIONS:
+        raise ConfigError(f"{here}: {key}: unknown key{_nearest(key)}")
+    elif isinstance(node, yaml.MappingNode):
+        for name, child in node.value:
+            below = None if line is None else name.start_mark.line + 1
+            yield from _entries(child, f"{key}.{name.value}" if key else str(name.value), place, below)
+    elif not (key and node.tag == _NULL):  # a section with everything in it commented out is no mistake
+        what = f"{key}: is a section" if key else "the file is a list or a scalar"
+        raise ConfigError(f"{here}: {what}: write keys below it, for example {_example(key)}")
+
+
+def _value(node: yaml.Node, key: str, place: str) -> Any:
+    """The Python value of a node that stands at a key of the schema."""
+    try:
+        return plain(node, place)
+    except ConfigError as error:
+        raise ConfigError(f"{place}: {key}: must be {SCHEMA[key]}") from error
+
+
+def _unique(entries: Iterator[Entry]) -> list[Entry]:
+    """The entries of one layer, each key once."""
+    found: dict[str, Entry] = {}
+    for entry in entries:
+        if entry.key in found:
+            raise ConfigError(f"{entry.place}: {entry.key}: already set at {found[entry.key].place}: remove one")
+        found[entry.key] = entry
+    return list(found.values())
+
+
+def _nearest(key: str) -> str:
+    """The known key that was probably meant, as the end of a message."""
+    known = [*SCHEMA, *SECTIONS]
+    last = key.rpartition(".")[2]
+    found = (
+        difflib.get_close_matches(key, known, n=1, cutoff=0.75)
+        or [name for name in SCHEMA if difflib.get_close_matches(last, [name.rpartition(".")[2]], cutoff=0.75)]
+        or difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    )
+    return f": did you mean {found[0]}?" if found else f": known are name, seed, algorithm and {', '.join(SECTIONS)}"
+
+
+def _example(key: str) -> str:
+    """A line that would be right in section ``key``."""
+    return next(known for known in SCHEMA if known.startswith(f"{key}." if key else "learner.")) + ": ..."

@@ -1,0 +1,95 @@
+"""Every key of a configuration, and what it accepts."""
+
+from __future__ import annotations
+
+import math
+
+from envs.types import DENSITIES, OBSERVATIONS, RADII
+from freemesh_ray.config.field import Field
+
+TINY = 1e-9
+COUNT = 10**12
+
+#: Dotted key -> what it accepts. ``defaults.yaml`` holds the same keys, with their meaning and default.
+SCHEMA: dict[str, Field] = {
+    "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
+    "seed": Field(int, 0, 2**31 - 1),
+    "algorithm": Field(str, words=("sac", "td3", "ddpg", "ppo")),
+    "env.observation": Field(str, words=tuple(OBSERVATIONS), optional=True),
+    "env.radius": Field(str, words=tuple(RADII), optional=True),
+    "env.n": Field(int, 1, 8),
+    "env.g": Field(int, 1, 16),
+    "env.beta": Field(float, 1e-3, 1e3),
+    "env.n_rv": Field(int, 1, 8),
+    "env.alpha": Field(float, 1e-3, 1e3),
+    "env.upsilon": Field(float, TINY, 10),
+    "env.kappa": Field(float, TINY, 1e9),
+    "env.density": Field(str, words=DENSITIES),
+    "env.M_angle": Field(float, TINY, math.pi),
+    "env.extended": Field(bool),
+    "env.irregular": Field(float, 0, 10),
+    "env.type2": Field(bool),
+    "env.max_invalid": Field(int, 1, 10**9),
+    "env.max_elements": Field(int, 1, COUNT, optional=True),
+    "curriculum.stages": Field(str, many=True, distinct=True),
+    "curriculum.promote_at": Field(float, TINY, 1),
+    "curriculum.window": Field(int, 1, 10**6),
+    "curriculum.max_stage_steps": Field(int, 1, COUNT),
+    "curriculum.rehearsal": Field(float, 0, 0.99),
+    "learner.buffer_size": Field(int, 1, 10**9),
+    "learner.batch_size": Field(int, 1, 10**6),
+    "learner.gamma": Field(float, 0, 1),
+    "learner.learning_rate": Field(float, TINY, 1),
+    "learner.tau": Field(float, TINY, 1),
+    "learner.updates_per_step": Field(float, TINY, 100),
+    "learner.hidden": Field(int, 1, 65536, many=True),
+    "learner.warmup_steps": Field(int, 1, 10**9),
+    "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
+    "sac.initial_alpha": Field(float, TINY, 1000),
+    "td3.exploration_noise": Field(float, 0, 1),
+    "td3.target_noise": Field(float, 0, 2),
+    "td3.target_noise_clip": Field(float, 0, 2),
+    "td3.policy_delay": Field(int, 1, 1000),
+    "ddpg.exploration_noise": Field(float, 0, 1),
+    "ppo.rollout_steps": Field(int, 1, 10**7),
+    "ppo.epochs": Field(int, 1, 1000),
+    "ppo.minibatch_size": Field(int, 1, 10**7),
+    "ppo.clip": Field(float, TINY, 1),
+    "ppo.gae_lambda": Field(float, 0, 1),
+    "ppo.entropy_coefficient": Field(float, 0, 100),
+    "ppo.value_coefficient": Field(float, 0, 100),
+    "ppo.max_grad_norm": Field(float, TINY, 10**9),
+    "runners.count": Field(int, 0, 1024),
+    "runners.envs_per_runner": Field(int, 1, 4096),
+    "runners.fragment": Field(int, 1, 10**5),
+    "budget.env_steps": Field(int, 1, COUNT),
+    "budget.minutes": Field(float, TINY, 10**9, optional=True),
+    "evaluation.interval": Field(int, 1, COUNT),
+    "evaluation.episodes": Field(int, 1, 10**6),
+    "checkpoint.interval": Field(int, 1, COUNT),
+    "checkpoint.keep": Field(int, 1, 1000),
+    "tracking.uri": Field(
+        str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT"
+    ),
+    "tracking.experiment": Field(str),
+    "tracking.enabled": Field(bool),
+    "paths.runs": Field(str),
+    "paths.studies": Field(str),
+}  # fmt: skip
+
+#: Keys that stand for several: name -> the keys it sets. They act where they are written, so that a later layer, or a
+#: key beside them in the same file, still has its way; the loaded tree names the one that holds in the end, or null.
+SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
+    "env.observation": {
+        name: {f"env.{key}": value for key, value in values.items()} for name, values in OBSERVATIONS.items()
+    },
+    "env.radius": {name: {"env.alpha": value} for name, value in RADII.items()},
+}
+
+#: (smaller, larger): the first key's value is at most the second's.
+AT_MOST: tuple[tuple[str, str], ...] = (
+    ("learner.batch_size", "learner.buffer_size"),
+    ("ppo.minibatch_size", "ppo.rollout_steps"),
+)
+
+SECTIONS = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))
