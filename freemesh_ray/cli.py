@@ -169,9 +169,10 @@ def parser() -> argparse.ArgumentParser:
     sync = commands.add_parser(
         "sync",
         help="deliver what a tracking server missed",
-        description="Deliver the metrics and files of a run that its tracking server did not get while it was away.",
+        description="Deliver the metrics, files and models of a run, or of a study and its trials, that the tracking "
+        "server did not get while it was away.",
     )
-    sync.add_argument("folder", metavar="RUN", help="the run's folder, runs/NAME")
+    sync.add_argument("folder", metavar="RUN", help="the run's folder, runs/NAME, or one above many")
     sync.add_argument("--uri", metavar="URI", help="another store than the run's own")
     return top
 

@@ -31,8 +31,10 @@ from freemesh_ray.training import Algorithm
 #: Checkpoints kept of each trial: Tune's record of them is a second old at most, and population based training copies
 #: from one while its trial goes on.
 KEPT = 4
-#: What Ray Tune would print or write beside what the study does.
+#: What Ray Tune would print or write beside what the study does; and trials stay in the folder that relative paths of
+#: the settings are relative to.
 QUIET = {
+    "RAY_CHDIR_TO_TRIAL_DIR": "0",
     "RAY_AIR_NEW_OUTPUT": "0",
     "TUNE_GLOBAL_CHECKPOINT_S": "1",
     "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",

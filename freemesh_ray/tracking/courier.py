@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from freemesh_ray.tracking import registry
-from freemesh_ray.tracking.journal import Event, Journal, now, said
+from freemesh_ray.tracking.journal import Event, Journal, now, said, shared
 from freemesh_ray.tracking.store import (
     METRICS_PER_BATCH,
     PARAMS_PER_BATCH,
@@ -35,12 +35,13 @@ class ParentAwayError(RuntimeError):
 class Courier:
     """Carries a journal to its store. Every method raises when the store cannot be reached, and may be called again.
 
-    Its memory is two numbers a metric, however long the journal.
+    Its memory is two numbers a metric and a path a shared run, however long the journals.
     """
 
     def __init__(self, journal: Journal) -> None:
         self.journal = journal
         self._client: Any = None
+        self._shared: set[Path] = set()  # those that are delivered
         #: The highest step of each metric, now and when the run was last taken up again.
         self._reached: dict[str, int] = {}
         self._repeated: dict[str, int] = {}
@@ -79,6 +80,19 @@ class Courier:
         if last.get("kind") != "end":
             self.journal.append({**said("end", status="FAILED"), "time": last.get("time", now())})
         return self.deliver()
+
+    def deliver_shared(self) -> None:
+        """Send what other runs share with this one, whole journals, each once."""
+        for path in shared(self.journal.path.parent).glob("*.jsonl"):
+            if path in self._shared or not (journal := Journal.claim(path)):
+                continue
+            try:
+                Courier(journal).settle()
+            except ParentAwayError:
+                pass  # it was shared with an earlier run of this folder
+            finally:
+                journal.release()
+            self._shared.add(path)
 
     def bury_the_dead(self) -> None:
         """Mark FAILED what this machine's killed processes left RUNNING in the experiment."""

@@ -146,6 +146,11 @@ def journals(folder: Path) -> list[Path]:
     return sorted((folder / "tracking").glob("*.jsonl"))
 
 
+def shared(folder: Path) -> Path:
+    """Where the journals that other runs share with the run lie, beside its own in ``folder``."""
+    return folder / "shared"
+
+
 def latest(folder: Path, run_id: str | None) -> Journal | None:
     """The newest journal of ``folder`` that can be claimed, and that is of ``run_id`` when one is given."""
     for path in reversed(journals(folder)):

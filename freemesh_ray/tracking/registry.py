@@ -69,8 +69,8 @@ def register(
             raise TrackingError(f"{uri}: has no run {run}: deliver it first (freemesh sync), or give another run")
         mark = fingerprint(policy, source.data.tags.get("freemesh.id", source.info.run_id))
         return add_version(
-            client, Path(policy), source, mark=mark, name=name, alias=alias, tags={**(tags or {}), **commit()},
-            description=description,
+            client, Path(policy), source, mark=mark, name=name, alias=alias,
+            tags={**(tags or {}), **commit(provenance())}, description=description,
         )  # fmt: skip
     except TrackingError:
         raise
@@ -157,9 +157,9 @@ def fingerprint(policy: str | Path, run: str) -> str:
     return hashlib.sha256(Path(policy).read_bytes() + run.encode()).hexdigest()[:32]
 
 
-def commit() -> dict[str, str]:
-    """The tag ``commit``, where the source's git commit is known."""
-    known = provenance().get("mlflow.source.git.commit")
+def commit(where: Mapping[str, str]) -> dict[str, str]:
+    """The tag ``commit``, where it is known; the pages do not show MLflow's own tag of it among the others."""
+    known = where.get("mlflow.source.git.commit")
     return {"commit": known} if known else {}
 
 

@@ -59,7 +59,7 @@ class Run:
             experiment: its name; it is made when there is none.
             name: the run's name.
             params: dotted key -> scalar; one that changed since the run began becomes a tag ``resumed.<key>``.
-            tags: beside the git commit and the versions of `provenance`.
+            tags: beside ``commit`` and the versions of `provenance`.
             parent: `Run.id` of the run, in the same experiment, that this one belongs to; None: a run taken up again
                 keeps its own.
             run_id: MLflow id of the run to take up again.
@@ -82,7 +82,8 @@ class Run:
             )
             texts = {key: str(value)[:VALUE_LENGTH] for key, value in (params or {}).items()}
             own = {"freemesh.id": journal.id, "freemesh.host": platform.node(), "freemesh.journal": str(journal.path)}
-            everything = {**(tags or {}), **provenance(), **own}
+            where = provenance()
+            everything = {**(tags or {}), **where, **commit(where), **own}
             journal.append(said("start", name=name, params=texts, tags=everything, parent=parent))
             self._courier = Courier(journal)
             self._thread = threading.Thread(target=self._work, name="tracking", daemon=True)
@@ -140,7 +141,7 @@ class Run:
             copy = journal.path.parent / "models" / f"{mark}.npz"
             with replacing(copy) as draft:
                 shutil.copyfile(policy, draft)
-            everything = {**(tags or {}), **commit()}
+            everything = {**(tags or {}), **commit(provenance())}
             what = {"name": name, "alias": alias, "tags": everything, "description": description}
             self._say(said("model", path=str(copy), mark=mark, **what))
 
@@ -187,6 +188,7 @@ class Run:
             try:
                 self._courier.deliver()
                 self._ready.set()
+                self._courier.deliver_shared()
                 if first:
                     self._courier.bury_the_dead()
                 if away:
