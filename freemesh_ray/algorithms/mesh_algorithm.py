@@ -123,15 +123,12 @@ class MeshAlgorithm(Algorithm):
         layers = [(np.asarray(weight), np.asarray(bias)) for weight, bias in self.actor_weights()]
         policy = Policy(layers, MeshingParameters(**options))
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
-        return {
-            kind: {
-                entry.name: summary(
-                    evaluation_episodes(policy, entry, episodes, stochastic=kind == "stochastic", seed=seed)
-                )
-                for entry in domains
-            }
-            for kind in KINDS
-        }
+
+        def figures(domain: Any, kind: str) -> dict[str, float]:
+            stochastic = kind == "stochastic"
+            return summary(evaluation_episodes(policy, domain, episodes, stochastic=stochastic, seed=seed))
+
+        return {kind: {domain.name: figures(domain, kind) for domain in domains} for kind in KINDS}
 
     def actor_weights(self) -> list[tuple[Any, Any]]:
         """(weight (inputs, outputs), bias (outputs,)) of each layer of the actor as ``Policy`` takes it, float32."""
