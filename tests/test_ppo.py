@@ -140,3 +140,31 @@ def test_large_errors_of_the_value_are_learnt_from() -> None:
     algorithm.training_step()
     assert value.biases[-1].item() < 999.99
     algorithm.stop()
+
+
+def test_advantages_are_the_generalised_estimates() -> None:
+    """Schulman et al. (2016), equation 16: bootstrapped where a piece was cut, not where an episode terminated."""
+    algorithm = make(gamma=0.9, lambda_=0.8)
+    learner = algorithm.learner_group._learner
+    module = learner.module[DEFAULT_POLICY_ID]
+    episodes = [episode for _ in range(8) for episode in algorithm.env_runner.rollout(160).episodes]
+    done = [episode for episode in episodes if episode.is_done]
+    assert 1 < len(done) < len(episodes)
+    done[0].is_terminated, done[0].is_truncated = True, False  # the others were truncated
+    expected: list[float] = []
+    for episode in episodes:
+        with torch.no_grad():
+            values = module.value(torch.from_numpy(np.asarray(episode.get_observations()))).numpy()[:, 0]
+        if episode.is_terminated:
+            values[-1] = 0.0
+        errors = episode.get_rewards() + 0.9 * values[1:] - values[:-1]
+        advantages = np.zeros(len(errors) + 1)
+        for t in range(len(errors) - 1, -1, -1):
+            advantages[t] = errors[t] + 0.9 * 0.8 * advantages[t + 1]
+        expected += (advantages[:-1] + values[:-1]).tolist()
+    rows = learner._learner_connector(rl_module=learner.module, batch={}, episodes=episodes, shared_data={})[
+        DEFAULT_POLICY_ID
+    ]
+    kept = np.asarray(rows[Columns.LOSS_MASK], dtype=bool)
+    np.testing.assert_allclose(np.asarray(rows["value_targets"])[kept], expected, rtol=1e-4, atol=1e-4)
+    algorithm.stop()
