@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.study.definition import load, shipped
 
     if options.study is None:
-        print(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()]))
+        print(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()], left=(0, 2)))
         return 0
     study = load(options.study, options.set, smoke=options.smoke)
     _check(study)
