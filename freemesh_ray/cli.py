@@ -317,11 +317,13 @@ def bench(options: argparse.Namespace) -> int:
 
 def sync(options: argparse.Namespace) -> int:
     """``freemesh sync``."""
+    from freemesh_ray.studies import StudyFolder
     from freemesh_ray.tracking import TrackingError
     from freemesh_ray.tracking import sync as deliver
 
     try:
-        print(f"delivered {deliver(options.folder, options.uri)} entries of {options.folder}")
+        runs = StudyFolder(Path(options.folder)).run_folders()
+        print(f"delivered {deliver(options.folder, options.uri, also=runs)} entries of {options.folder}")
     except TrackingError as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return FAILED

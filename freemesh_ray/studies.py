@@ -121,3 +121,7 @@ class StudyFolder:
         if not self.trials.is_file():
             return []
         return [Entry(**entry) for entry in json.loads(self.trials.read_text())]
+
+    def run_folders(self) -> list[Path]:
+        """Where the trials lie; nothing where there is no study."""
+        return [self.path / entry.run for entry in self.read()]

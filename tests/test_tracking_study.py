@@ -13,6 +13,7 @@ import pytest
 import yaml
 from processes import ROOT
 
+from freemesh_ray.cli import main
 from freemesh_ray.tracking import store, sync
 
 SETTINGS = {
@@ -72,6 +73,16 @@ def test_all_that_was_to_be_told_is_in_the_store(studies: Path, client: Any):
     usual, same = trials["usual-1"].data, trials["same-1"].data
     assert same.tags["freemesh.shared_from"] == usual.tags["freemesh.id"]
     assert same.metrics == usual.metrics
+
+
+def test_a_study_is_delivered_with_its_trials(studies: Path, blank_database: Path, tmp_path: Path):
+    copy = tmp_path / "copy"
+    shutil.copytree(studies, copy)
+    shutil.copy(blank_database, tmp_path / "other.db")
+    assert main(["sync", str(copy / "studies" / "first"), "--uri", f"sqlite:///{tmp_path / 'other.db'}"]) == 0
+    other = store.connect(f"sqlite:///{tmp_path / 'other.db'}")
+    runs = other.search_runs([other.get_experiment_by_name("freemesh").experiment_id])
+    assert {"first", "small-1", "usual-1"} <= {run.info.run_name for run in runs}
 
 
 @pytest.mark.parametrize("study", STUDIES)

@@ -42,7 +42,10 @@ class Board(Callback):
 
     def on_trial_start(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial begins, or goes on."""
+        fresh = self._entry(trial).status == "pending" and self._name(trial) not in self._figures
         self._set(trial, "running")
+        if fresh:
+            self._say(f"{self._count()}  {self._name(trial)}  begins")
 
     def on_trial_result(
         self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, result: dict[str, Any], **info: Any

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 from freemesh_ray.tracking.courier import Courier, ParentAwayError
@@ -12,23 +13,24 @@ from freemesh_ray.tracking.store import absolute, mlflow_client, unreachable
 log = logging.getLogger(__name__)
 
 
-def sync(folder: str | Path, uri: str | None = None) -> int:
+def sync(folder: str | Path, uri: str | None = None, also: Sequence[Path] = ()) -> int:
     """Deliver what the runs below ``folder`` still hold; a run that died unannounced becomes FAILED.
 
     Args:
-        folder: a run's folder, or one above many, as a study's.
+        folder: a run's folder, or one above many.
+        also: other such folders, as of a study's trials.
         uri: another store than the runs' own; it gets everything.
 
     Returns:
         The number of journal entries delivered. Runs still at work, and children of a run that the store does not have
-        and that is not below ``folder``, are left to themselves.
+        and that is not among them, are left to themselves.
 
     Raises:
         TrackingError: the store cannot be reached.
     """
     mlflow_client()
     delivered = 0
-    waiting = sorted(set(Path(folder).rglob("tracking/**/*.jsonl")))
+    waiting = sorted({path for root in (Path(folder), *also) for path in root.rglob("tracking/**/*.jsonl")})
     while waiting:  # each round delivers a generation: parents, then their children
         orphans = []
         for path in waiting:
