@@ -29,20 +29,22 @@ class Board(Callback):
         folder: the study's folder, whose ``trials.json`` is there.
         plan: its trials.
         planned: how many there will be.
+        budget: env steps of each.
     """
 
-    def __init__(self, folder: Path, plan: Plan, planned: int) -> None:
-        self._folder, self._plan, self._planned = StudyFolder(folder), plan, planned
+    def __init__(self, folder: Path, plan: Plan, planned: int, budget: int) -> None:
+        self._folder, self._plan, self._planned, self._budget = StudyFolder(folder), plan, planned, budget
         self._figures: dict[str, dict[str, Any]] = {}
 
     def setup(self, *args: Any, **info: Any) -> None:
         """The experiment begins, or goes on: what is known of its trials is in their file."""
         self._entries = {entry.run: entry for entry in self._folder.read()}
+        self._before = {run for run, entry in self._entries.items() if entry.status in OVER}
         self._began = self._told = time.monotonic()
 
     def on_trial_start(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial begins, or goes on."""
-        fresh = self._entry(trial).status == "pending" and self._name(trial) not in self._figures
+        fresh = self._entry(trial).status == "pending"
         self._set(trial, "running")
         if fresh:
             self._say(f"{self._count()}  {self._name(trial)}  begins")
@@ -55,7 +57,7 @@ class Board(Callback):
         if time.monotonic() - self._told >= INTERVAL:
             self._told = time.monotonic()
             running = [self._glance(self._name(t)) for t in trials if t.status == "RUNNING"]
-            self._say(f"{self._count()}  {'   '.join(running)}")
+            self._say(f"{self._count()}  {'   '.join(running)}{self._left()}")
 
     def on_trial_complete(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial came to its end, or a scheduler stopped it."""
@@ -106,6 +108,14 @@ class Board(Callback):
     def _count(self) -> str:
         over = sum(entry.status in OVER for entry in self._entries.values())
         return f"[{duration(time.monotonic() - self._began)}] {over}/{self._planned}"
+
+    def _left(self) -> str:
+        """The time that is left, as if trials went on as they have since this start; nothing before there is a sign."""
+        new = [entry for run, entry in self._entries.items() if run not in self._before]
+        steps = [self._figures.get(name_of(entry), {}).get("env_steps", 0) for entry in new]
+        taken = sum(self._budget if new[i].status in OVER else min(steps[i], self._budget) for i in range(len(new)))
+        open_ = self._budget * (self._planned - len(self._before)) - taken
+        return f"   {duration((time.monotonic() - self._began) * open_ / taken)} left" if taken else ""
 
     @staticmethod
     def _say(line: str) -> None:

@@ -189,7 +189,7 @@ def tuned(
                 storage_path=str(folder.path),
                 failure_config=tune.FailureConfig(max_failures=study.retries),
                 checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=KEPT),
-                callbacks=[Board(folder.path, plan, planned)],
+                callbacks=[Board(folder.path, plan, planned, settings["budget"]["env_steps"])],
                 verbose=0,
             ),
         )
