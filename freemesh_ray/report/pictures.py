@@ -18,8 +18,8 @@ from freemesh_ray.statistics.bootstrap import Interval
 
 #: Scores at which profiles are taken.
 THRESHOLDS: Floats = np.linspace(0.0, 1.0, 101)
-#: Share of the training before which a policy has hardly learnt.
-UNTRAINED = 0.15
+#: Share of the training after which the scale of returns holds all of them: before, some are far below.
+EARLY = 0.5
 BANDS = "line: interquartile mean over seeds; band: 95 % bootstrap interval"
 ONE_SEED = "one seed each: no band"
 
@@ -58,13 +58,13 @@ def bottom(bands: Sequence[tuple[Floats, Interval]]) -> tuple[float | None, str]
     known = [(x, band) for x, band in bands if len(x)]
     if not known:
         return None, ""
-    learning = UNTRAINED * max(x[-1] for x, _ in known)
+    learning = EARLY * max(x[-1] for x, _ in known)
     later = [(band.low[x >= learning], band.high[x >= learning]) for x, band in known]
     low = min((float(lows.min()) for lows, _ in later if lows.size), default=0.0)
     high = max((float(highs.max()) for _, highs in later if highs.size), default=0.0)
     if min(float(band.low.min()) for _, band in known) > 2.0 * low - high:
         return None, ""
-    return low - 0.1 * (high - low), "; returns of the first evaluations lie below"
+    return low - 0.1 * (high - low), "; some early returns lie below"
 
 
 def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
