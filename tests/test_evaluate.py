@@ -50,6 +50,7 @@ def test_a_stuck_policy_is_truncated_with_nothing_but_penalties() -> None:
         "completion_rate": 0.0,
         "elements": 0.0,
         "element_quality": 0.0,
+        "score": 0.0,
         "invalid": 100.0,
     }
 
