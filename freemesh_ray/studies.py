@@ -120,7 +120,7 @@ class StudyFolder:
         """Read ``trials.json``; nothing where there is none."""
         if not self.trials.is_file():
             return []
-        return [Entry(**entry) for entry in json.loads(self.trials.read_text())]
+        return [Entry(**entry) for entry in json.loads(self.trials.read_text(encoding="utf-8"))]
 
     def run_folders(self) -> list[Path]:
         """Where the trials lie; nothing where there is no study."""

@@ -21,7 +21,7 @@ import yaml
 from envs.types import Floats
 from freemesh_ray.config import flatten
 from freemesh_ray.runs import RunError, RunFolder, evaluated_at
-from freemesh_ray.studies import STATUSES
+from freemesh_ray.studies import STATUSES, Entry, StudyFolder
 
 #: The paper's learning curves: mean return of ten evaluation episodes every 10,000 steps.
 RETURN = "eval_deterministic/return"
@@ -209,10 +209,9 @@ def _description(folder: Path) -> dict[str, Any]:
 
 
 def _trials(folder: Path) -> list[Trial]:
-    path = folder / "trials.json"
+    path = StudyFolder(folder).trials
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
-        trials = [_trial(entry, folder) for entry in entries]
+        trials = [_trial(entry, folder) for entry in StudyFolder(folder).read()]
     except OSError:
         trials = []
     except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -224,12 +223,11 @@ def _trials(folder: Path) -> list[Trial]:
     return trials
 
 
-def _trial(entry: Mapping[str, Any], folder: Path) -> Trial:
-    if entry["status"] not in STATUSES:
-        raise ValueError(f"status {entry['status']!r} is none of {', '.join(STATUSES)}")
-    run = RunFolder(folder / entry["run"])
-    settings = flatten(entry.get("settings") or {})
-    return Trial(str(entry["label"]), int(entry["seed"]), run, entry["status"], entry.get("error") or "", settings)
+def _trial(entry: Entry, folder: Path) -> Trial:
+    if entry.status not in STATUSES:
+        raise ValueError(f"status {entry.status!r} is none of {', '.join(STATUSES)}")
+    run, settings = RunFolder(folder / entry.run), flatten(entry.settings or {})
+    return Trial(str(entry.label), int(entry.seed), run, entry.status, entry.error or "", settings)
 
 
 def _expectation(text: str, labels: Mapping[str, Any], path: Path) -> Expectation:
