@@ -220,7 +220,7 @@ def test_before_the_first_evaluation_there_is_nothing_to_say_and_it_is_said(smal
 def test_one_seed_has_no_interval(tmp_path: Path):
     folder = algorithms(tmp_path / "one", {"A": (60.0, 30e3), "B": (10.0, 30e3)}, [5], domains=[], expects=["A > B"])
     text = write(folder).read_text()
-    assert "(1 seed: no interval)" in text
+    assert "(one seed has none)" in text
     assert "## Pair by pair" not in text
     assert cells(text, "A > B")[0][-1] == "**undecided**"
     own = [line for line in lines(folder / "report" / "curves.csv") if line["variant"] == "A"]

@@ -25,11 +25,11 @@ def spread(values: Floats, form: str) -> str:
 
 
 def bracketed(interval: Interval, form: str, runs: int) -> str:
-    """Value [low, high]; of one seed the value and that it has no interval; a dash when there is none."""
+    """Value [low, high]; of one seed the value alone; a dash when there is none."""
     if not math.isfinite(interval.value):
         return "-"
     if runs == 1:
-        return f"{interval.value:{form}} (1 seed: no interval)"
+        return format(interval.value, form)
     return f"{interval.value:{form}} [{interval.low:{form}}, {interval.high:{form}}]"
 
 
