@@ -143,7 +143,7 @@ def curves(variants: Sequence[Learning], picture: Picture) -> str:
         f"{markdown(header, rows)}\n\n"
         f"Of deterministic evaluation episodes, where nothing else is said; ± is the deviation over seeds. A seed's "
         f"final figure is the mean of its last {LAST} evaluations. IQM: interquartile mean over seeds, with its 95 % "
-        f"bootstrap interval (one seed has none). Steps: until the IQM curve first reaches a return of {threshold:.1f}, "
+        f"bootstrap interval (one seed has none). Steps: until the IQM curve reaches a return of {threshold:.1f}, "
         "half the best variant's final IQM (where that is not above 0: midway to it from the first evaluations); in "
         f"brackets the seeds that do and when.{partly}"
     )
