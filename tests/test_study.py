@@ -88,6 +88,7 @@ def test_what_a_study_has_trained_no_other_trains_again_and_a_failure_sinks_neit
     assert "4/4" in run(first)
     assert statuses(tmp_path, "first") == dict.fromkeys(("small-1", "small-2", "usual-1", "usual-2"), "finished")
     assert evaluated(tmp_path, "first") == [[200, 400, 600]] * 4
+    assert not list((tmp_path / "studies" / "first" / "tune").glob("*/checkpoint_*"))  # no replay buffers are left
     assert Counter(log(tmp_path)) == {f"begin {size}/{seed}": 1 for size in (8, 256) for seed in (1, 2)}
 
     unlucky = {"unlucky": {"learner.batch_size": 13}, "usual": {"learner.batch_size": 256}}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -30,10 +31,13 @@ class Board(Callback):
         plan: its trials.
         planned: how many there will be.
         budget: env steps of each.
+        keep: whether checkpoints of trials that are over may still be needed, as by population based training.
     """
 
-    def __init__(self, folder: Path, plan: Plan, planned: int, budget: int) -> None:
+    def __init__(self, folder: Path, plan: Plan, planned: int, budget: int, keep: bool) -> None:
         self._folder, self._plan, self._planned, self._budget = StudyFolder(folder), plan, planned, budget
+        self._keep = keep
+        self._over: list[Path] = []
         self._figures: dict[str, dict[str, Any]] = {}
 
     def setup(self, *args: Any, **info: Any) -> None:
@@ -54,6 +58,7 @@ class Board(Callback):
     ) -> None:
         """A trial evaluated itself."""
         self._figures[self._name(trial)] = result
+        self._sweep()
         if time.monotonic() - self._told >= INTERVAL:
             self._told = time.monotonic()
             running = [self._glance(self._name(t)) for t in trials if t.status == "RUNNING"]
@@ -64,7 +69,12 @@ class Board(Callback):
         entry = self._entry(trial)
         whole = (self._folder.path / entry.run / FINISHED).is_file()
         self._set(trial, "finished" if whole else "stopped")
+        self._over.append(self._folder.tune / Path(trial.path or "").name)
         self._say(f"{self._count()}  {self._glance(self._name(trial))}  {entry.status}")
+
+    def on_experiment_end(self, trials: list[TuneTrial], **info: Any) -> None:
+        """Nothing runs any more."""
+        self._sweep()
 
     def on_trial_error(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial failed for good."""
@@ -76,6 +86,12 @@ class Board(Callback):
     def on_trial_recover(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial failed and is tried again."""
         self._say(f"{self._count()}  {self._name(trial)}  is tried again after: {reason(trial)}")
+
+    def _sweep(self) -> None:
+        """Remove the checkpoints of trials that are over: each holds a whole replay buffer."""
+        for place in [] if self._keep else self._over:
+            for checkpoint in place.glob("checkpoint_*"):
+                shutil.rmtree(checkpoint, ignore_errors=True)
 
     def _of(self, trial: TuneTrial) -> tuple[Entry, Trial]:
         """The trial as it is listed, and as it is now: population based training changes settings on the way."""

@@ -170,6 +170,7 @@ def tuned(
         partial(resources, plan),
     )
     signal.signal(signal.SIGTERM, lambda number, frame: os.kill(os.getpid(), signal.SIGINT))
+    pbt = study.search is not None and study.search.scheduler == "pbt"
     if tune.Tuner.can_restore(str(folder.tune)):
         tuner = tune.Tuner.restore(str(folder.tune), trainable, resume_unfinished=True, resume_errored=True)
     else:
@@ -181,7 +182,7 @@ def tuned(
                 num_samples=study.search.trials if study.search else 1,
                 search_alg=search.searcher(study) if study.search else None,
                 scheduler=search.scheduler(study, settings["budget"]["env_steps"]),
-                max_concurrent_trials=parallel(settings) if study.search and study.search.scheduler != "pbt" else None,
+                max_concurrent_trials=parallel(settings) if study.search and not pbt else None,
                 reuse_actors=True,
             ),
             run_config=tune.RunConfig(
@@ -189,7 +190,7 @@ def tuned(
                 storage_path=str(folder.path),
                 failure_config=tune.FailureConfig(max_failures=study.retries),
                 checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=KEPT),
-                callbacks=[Board(folder.path, plan, planned, settings["budget"]["env_steps"])],
+                callbacks=[Board(folder.path, plan, planned, settings["budget"]["env_steps"], pbt)],
                 verbose=0,
             ),
         )
