@@ -19,8 +19,7 @@ def provenance() -> dict[str, str]:
             tags[f"version.{package}"] = version(package)
         except PackageNotFoundError:
             continue
-    commit = _git("rev-parse", "HEAD") if _git("ls-files", Path(__file__).name) else ""
-    if commit:  # the source is tracked where it lies: not a copy installed somewhere inside another repository
+    if commit := _commit():
         changed = _git("status", "--porcelain", "--untracked-files=no")
         tags["mlflow.source.git.commit"] = f"{commit}-dirty" if changed else commit
     return tags
@@ -28,13 +27,17 @@ def provenance() -> dict[str, str]:
 
 def source() -> str:
     """What runs: the commit, with a digest of the changes since; outside a repository a digest of the source files."""
-    folder = Path(__file__).parent.parent
-    commit = _git("rev-parse", "HEAD") if _git("ls-files", Path(__file__).name) else ""
-    if commit:
+    if commit := _commit():
         changes = _git("diff", "HEAD")
         return f"{commit}-{hashlib.sha256(changes.encode()).hexdigest()[:12]}" if changes else commit
+    folder = Path(__file__).parent.parent
     files = [path for package in ("envs", "freemesh_ray") for path in sorted((folder / package).rglob("*.py"))]
     return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()
+
+
+def _commit() -> str:
+    """The commit where the source is tracked where it lies; empty for a copy installed inside another repository."""
+    return _git("rev-parse", "HEAD") if _git("ls-files", Path(__file__).name) else ""
 
 
 def _git(*arguments: str) -> str:

@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 from freemesh_ray import config
 from freemesh_ray.cli import main
 from freemesh_ray.config import SCHEMA, SHORTHANDS, ConfigError
+from freemesh_ray.runs import RunError
+from freemesh_ray.studies import Entry
 from freemesh_ray.study import plan
 from freemesh_ray.study.definition import load, shipped
+from freemesh_ray.study.running import merged
 
 STUDIES = {
     "algorithms": 12, "domains": 12, "networks": 12, "seeds": 5, "observation": 9, "radius": 9, "density": 18,
@@ -203,3 +206,14 @@ def test_a_variant_s_settings_win_over_the_study_s(tmp_path: Path):
     study = load(written(yaml.safe_dump(tree), tmp_path))
     assert [study.trial_config(label, 3)["learner"]["gamma"] for label in ("one", "two")] == [0.5, 0.9]
     assert study.trial_config("one", 3)["seed"] == 3
+
+
+def test_a_study_goes_on_with_its_trials_as_they_were_left():
+    def entries(*statuses: str, source: str = "a") -> list[Entry]:
+        return [Entry("one", i, f"../../runs/trial-{source}{i}", status) for i, status in enumerate(statuses)]
+
+    left = merged(entries("finished", "finished", "pending"), entries("running", "pending", "failed"))
+    assert [entry.status for entry in left] == ["finished", "finished", "failed"]
+    assert [entry.shared for entry in left] == [False, True, False]  # the first is its own, the second another's
+    with pytest.raises(RunError, match="one-0: was begun from another commit"):
+        merged(entries("pending", source="b"), entries("running"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any
 
 import torch
@@ -18,10 +19,11 @@ class OffPolicyLearner(ConfiguredLearner):
     A subclass says what is optimised (``optimised``) and what a step is (``_step``).
     """
 
+    @abstractmethod
     def optimised(self, module: Any, config: Any) -> dict[str, tuple[list[torch.Tensor], float]]:
         """Parameters and learning rate of each optimizer, by its name."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _step(
         self,
         module_id: str,
@@ -33,7 +35,6 @@ class OffPolicyLearner(ConfiguredLearner):
         terminated: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
         """One gradient step on one minibatch; figures by name, losses ending in ``_loss``."""
-        raise NotImplementedError
 
     def configure_optimizers_for_module(self, module_id: str, config: AlgorithmConfig | None = None) -> None:
         """One fused Adam for each of ``optimised``."""

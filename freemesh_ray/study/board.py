@@ -128,10 +128,12 @@ class Board(Callback):
     def _left(self) -> str:
         """The time that is left, as if trials went on as they have since this start; nothing before there is a sign."""
         new = [entry for run, entry in self._entries.items() if run not in self._before]
-        steps = [self._figures.get(name_of(entry), {}).get("env_steps", 0) for entry in new]
-        taken = sum(self._budget if new[i].status in OVER else min(steps[i], self._budget) for i in range(len(new)))
+        taken = sum(self._budget if entry.status in OVER else self._steps(entry) for entry in new)
         open_ = self._budget * (self._planned - len(self._before)) - taken
         return f"   {duration((time.monotonic() - self._began) * open_ / taken)} left" if taken else ""
+
+    def _steps(self, entry: Entry) -> int:
+        return min(self._budget, int(self._figures.get(name_of(entry), {}).get("env_steps", 0)))
 
     @staticmethod
     def _say(line: str) -> None:

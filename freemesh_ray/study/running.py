@@ -18,6 +18,7 @@ from ray import tune
 from freemesh_ray.config import flatten
 from freemesh_ray.policy import Policy
 from freemesh_ray.provenance import source
+from freemesh_ray.runs import RunError
 from freemesh_ray.studies import OVER, Entry, StudyFolder
 from freemesh_ray.study import search
 from freemesh_ray.study.board import Board, name_of
@@ -80,7 +81,6 @@ def run(
     *,
     resume: bool,
     make: Callable[[Mapping[str, Any]], Algorithm],
-    note: Callable[[str], None] = print,
     report: Callable[[Path], list[Path]] | None = None,
 ) -> Studied:
     """Run a study, or go on with it; Ray is up.
@@ -89,11 +89,10 @@ def run(
         study: it.
         resume: go on where it stopped: finished trials stay, running ones go on from their checkpoints.
         make: the algorithm's factory.
-        note: called with lines of text.
         report: writes the report into the study's folder; its files are tracked.
 
     Raises:
-        RunError: there is such a study, and ``resume`` is false or it is another.
+        RunError: there is such a study, and ``resume`` is false, it is another, or it was begun from another source.
         KeyboardInterrupt: it was interrupted; ``resume`` goes on.
     """
     folder, plan, entries = plan_of(study)
@@ -128,10 +127,19 @@ def run(
 
 
 def merged(planned: list[Entry], before: list[Entry]) -> list[Entry]:
-    """The trials of a study that goes on: as they were left, but for what was finished since."""
+    """The trials of a study that goes on: as they were left, but for what was finished since.
+
+    Raises:
+        RunError: the trials are others now: they were begun from another commit, or source.
+    """
     known = {name_of(entry): entry for entry in before}
     for entry in planned:
         old = known.get(name_of(entry))
+        if old is not None and old.run != entry.run:
+            raise RunError(
+                f"{name_of(entry)}: was begun from another commit, or source: go on from that one, "
+                "or --set paths.studies=OTHER to begin anew"
+            )
         if old is not None and entry.status == "finished":
             entry.shared = old.shared or old.status == "pending"
         elif old is not None:

@@ -82,7 +82,7 @@ def _within(spaces: Mapping[str, Space]) -> Any:
     def explore(given: dict[str, Any]) -> dict[str, Any]:
         for key, choice in spaces.items():
             if choice.kind != "choice":
-                given[key] = choice.mutated(given[key], 1.0)
+                given[key] = choice.nearest(given[key])
         return given
 
     return explore

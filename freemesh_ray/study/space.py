@@ -25,10 +25,10 @@ class Space:
     kind: Kind
     values: tuple[Any, ...]
 
-    def mutated(self, value: Any, factor: float) -> Any:
-        """The value that a perturbation by ``factor`` makes of ``value``, within the ends."""
-        low, high = self.values[0], self.values[-1]
-        return min(max(value * factor, low), high)
+    def nearest(self, value: float) -> float:
+        """``value``, or the end that it lies beyond; of a distribution between two ends."""
+        low, high = self.values
+        return float(min(max(value, low), high))
 
 
 def read_space(key: str, value: Any, place: str) -> Space:
