@@ -7,6 +7,7 @@ runs/NAME/config.yaml            the resolved configuration
           learning_curve.png
           meshes/                every stage meshed with it
           tracking/              the tracking journal
+          failures.log           what went wrong and was recovered from
 """
 
 from __future__ import annotations
@@ -44,6 +45,11 @@ class RunFolder:
     def evaluations(self) -> Path:
         """JSON lines, one an evaluation."""
         return self.path / "evaluations.jsonl"
+
+    @property
+    def failures(self) -> Path:
+        """Tracebacks of what the training recovered from, or did not."""
+        return self.path / "failures.log"
 
     @property
     def checkpoints(self) -> Path:

@@ -8,8 +8,11 @@ The loop in brackets is `freemesh_ray.training`.
 from __future__ import annotations
 
 import json
+import traceback
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,7 @@ from envs.domain import source
 from envs.mesh import Mesh
 from envs.types import Domain, DomainError
 from freemesh_ray import checkpoint, export, plots
-from freemesh_ray.atomic import replacing
+from freemesh_ray.atomic import OutputError, replacing
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.config import load as load_config
 from freemesh_ray.mesher import MeshingError, make
@@ -82,6 +85,10 @@ class Trained:
     produced: list[Produced]
 
 
+#: Errors of the input or the place, which going back to a checkpoint does not mend.
+FINAL = (DomainError, RunError, OutputError, checkpoint.CheckpointError)
+
+
 def train(
     config: Mapping[str, Any],
     *,
@@ -91,7 +98,7 @@ def train(
     note: Callable[[str], None] = lambda line: None,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Trained:
-    """The whole main job.
+    """The whole main job; what fails on the way goes on from the last checkpoint.
 
     Args:
         config: a complete tree (``config.load``).
@@ -100,30 +107,76 @@ def train(
         report, note, interrupted: see Training.
 
     Raises:
-        DomainError, RunError: see `prepare`.
+        DomainError, RunError: see `prepare`; or it failed more often in a row than ``checkpoint.retries``.
+        CheckpointError: none of its checkpoints can be read.
+        OutputError: something cannot be written.
     """
     folder = prepare(config, resume)
+    failures = 0
+    while True:
+        before = [path.name for path in checkpoint.found(folder.checkpoints)]
+        try:
+            return _attempt(config, folder, resume, failures, make, report, note, interrupted)
+        except FINAL:
+            raise
+        except Exception as error:
+            brief = (str(error) or type(error).__name__).strip().splitlines()[0][:200]
+            _write_down(folder, error)
+            now = [path.name for path in checkpoint.found(folder.checkpoints)]
+            failures = 1 if now[:1] != before[:1] else failures + 1
+            if failures > config["checkpoint"]["retries"]:
+                raise RunError(
+                    f"{folder.path}: {brief} ({folder.failures.name} has more): mend the cause, --resume goes on from "
+                    f"{now[0] if now else 'the start'}"
+                ) from error
+            note(f"{brief}; going back to {now[0] if now else 'the start'} (failure {failures} in a row)")
+            resume = True
+
+
+def _attempt(
+    config: Mapping[str, Any],
+    folder: RunFolder,
+    resume: bool,
+    failures: int,
+    make: Callable[[Mapping[str, Any]], Algorithm],
+    report: Callable[[Status], None],
+    note: Callable[[str], None],
+    interrupted: Callable[[], bool],
+) -> Trained:
+    """`train` until something fails; after failures with other random numbers, which may not bring them about again."""
     tracking = config["tracking"]
     algorithm = make(config)
-    with Run(
-        folder.path,
-        uri=tracking["uri"],
-        experiment=tracking["experiment"],
-        name=config["name"],
-        params=flatten(config),
-        tags=tags(config),
-        resume=resume,
-        enabled=tracking["enabled"],
-    ) as run:
-        training = Training(algorithm, config, folder, run, report, note, interrupted)
-        if resume:
-            training.resume()
-        with replacing(folder.config) as draft:
-            draft.write_text(dump(config))
-        run.artifact(folder.config)
-        training.loop()
-        produced = deliver(training)
+    try:
+        with Run(
+            folder.path,
+            uri=tracking["uri"],
+            experiment=tracking["experiment"],
+            name=config["name"],
+            params=flatten(config),
+            tags=tags(config),
+            resume=resume,
+            enabled=tracking["enabled"],
+        ) as run:
+            training = Training(algorithm, config, folder, run, report, note, interrupted)
+            if resume:
+                training.resume()
+            if failures:
+                algorithm.reseed(failures)
+            with replacing(folder.config) as draft:
+                draft.write_text(dump(config))
+            run.artifact(folder.config)
+            training.loop()
+            produced = deliver(training)
+    finally:
+        with suppress(Exception):  # of what has failed, not all may be there to be stopped
+            algorithm.stop()
     return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], folder.curve, produced)
+
+
+def _write_down(folder: RunFolder, error: Exception) -> None:
+    """Append the whole story of a failure to the run's log of failures, as far as the disk takes it."""
+    with suppress(OSError), open(folder.failures, "a") as file:
+        file.write(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC\n{''.join(traceback.format_exception(error))}\n")
 
 
 def tags(config: Mapping[str, Any]) -> dict[str, str]:

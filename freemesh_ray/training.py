@@ -6,6 +6,7 @@ It is given an algorithm and a place for its metrics, so that a test can hand it
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -17,6 +18,7 @@ import numpy as np
 
 from envs.domain import source
 from freemesh_ray import checkpoint
+from freemesh_ray.atomic import OutputError
 from freemesh_ray.config import meshing_parameters
 from freemesh_ray.evaluate import KINDS
 from freemesh_ray.policy import Policy
@@ -33,6 +35,10 @@ FIGURES = (
 )  # fmt: skip
 
 
+class DivergedError(RuntimeError):
+    """A loss that is no number; what is learnt since the last checkpoint is of no use."""
+
+
 class Algorithm(Protocol):
     """What the loop needs of a learning algorithm."""
 
@@ -40,6 +46,7 @@ class Algorithm(Protocol):
     updates: int
     curriculum: Any
     finished: list[Any]
+    incidents: list[str]
 
     def train(self) -> dict[str, Any]:
         """One iteration; a result tree as RLlib's."""
@@ -53,11 +60,14 @@ class Algorithm(Protocol):
     def critic_weights(self) -> list[tuple[Any, Any]]:
         """Layers of the critics, side by side."""
 
-    def save_to_path(self, path: str) -> Any:
-        """Write a checkpoint."""
+    def get_state(self) -> dict[str, Any]:
+        """All that it is, for a checkpoint."""
 
-    def restore_from_path(self, path: str) -> Any:
-        """Read a checkpoint."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint's."""
+
+    def reseed(self, seed: int) -> None:
+        """Draw other random numbers from here on."""
 
     def stop(self) -> None:
         """End its processes."""
@@ -130,17 +140,30 @@ class Training:
     def __post_init__(self) -> None:
         self._recent: deque[Any] = deque(maxlen=RECENT)
         self._stages = [source(stage).name for stage in self.config["curriculum"]["stages"]]
-        self._saved_at = -1
+        self._saved_at = self._tried_at = -1
         self._clock = time.monotonic()
 
     def resume(self) -> bool:
-        """Go on from the newest checkpoint, if there is one."""
-        saved = checkpoint.found(self.folder.checkpoints)
-        if not saved:
-            return False
-        self.restore(saved[0])
-        self.note(f"going on from {saved[0]} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
-        return True
+        """Go on from the newest checkpoint that can be read, if there is one; damaged ones are set aside.
+
+        Raises:
+            CheckpointError: there are checkpoints, and none can be read, or the newest is of another training.
+        """
+        damaged = None
+        for path in checkpoint.found(self.folder.checkpoints):
+            try:
+                checkpoint.read(path)
+            except checkpoint.CheckpointError as error:
+                self.note(f"{error}; set aside as {checkpoint.set_aside(path).name}, going back to the one before")
+                damaged = error
+                continue
+            self.restore(path)
+            self.note(f"going on from {path} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
+            return True
+        self.folder.forget_after(-1)
+        if damaged:
+            raise checkpoint.CheckpointError(f"{damaged}; there is no older one: begin anew without --resume")
+        return False
 
     def restore(self, path: Path) -> None:
         """Go on from the checkpoint in folder ``path``.
@@ -154,17 +177,28 @@ class Training:
         except TypeError as error:
             raise checkpoint.CheckpointError(f"{path}: not a checkpoint of this version ({error})") from error
         self.folder.forget_after(self.progress.env_steps)
-        self._saved_at = self.progress.env_steps
+        self._saved_at = self._tried_at = self.progress.env_steps
 
     def save(self) -> Path:
-        """Write a checkpoint of this moment, unless there is one."""
+        """Write a checkpoint of this moment, unless there is one.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
         if self._saved_at == self.progress.env_steps:
             return checkpoint.found(self.folder.checkpoints)[0]
         self._tick()
+        self._tried_at = self.progress.env_steps
+        keep = self.config["checkpoint"]["keep"]
+        try:
+            path = checkpoint.save(self.algorithm, vars(self.progress).copy(), self.folder.checkpoints, keep)
+        except OSError as error:
+            where = self.folder.checkpoints
+            raise OutputError(
+                f"{where}: no checkpoint at {self._tried_at:,} steps ({error.strerror or error})"
+            ) from error
         self._saved_at = self.progress.env_steps
-        return checkpoint.save(
-            self.algorithm, vars(self.progress).copy(), self.folder.checkpoints, self.config["checkpoint"]["keep"]
-        )
+        return path
 
     def done(self) -> bool:
         """Whether the budget is spent."""
@@ -175,8 +209,12 @@ class Training:
     def loop(self) -> None:
         """Train until the budget is spent; evaluate and checkpoint on the way and at the end.
 
+        A checkpoint that cannot be written, on a full disk, is tried again an interval later; only the last must be.
+
         Raises:
             KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
+            DivergedError: a loss is no number.
+            OutputError: the last checkpoint, or the best policy, cannot be written.
         """
         self._clock = time.monotonic()
         progress = self.progress
@@ -184,12 +222,15 @@ class Training:
             self._iterate()
             if self._evaluation_due():
                 self.evaluate()
-            stop = self.interrupted()
-            if stop or progress.env_steps - max(0, self._saved_at) >= self.config["checkpoint"]["interval"]:
+            if self.interrupted():
                 path = self.save()
-            if stop:
                 self.note(f"interrupted at {progress.env_steps:,} steps; saved {path}: --resume goes on from it")
                 raise KeyboardInterrupt
+            if progress.env_steps - max(0, self._tried_at) >= self.config["checkpoint"]["interval"]:
+                try:
+                    self.save()
+                except OutputError as error:
+                    self.note(f"{error}; training goes on, the next is tried later")
         if progress.evaluated_at < progress.env_steps:
             self.evaluate()
         self.save()
@@ -227,6 +268,9 @@ class Training:
         progress = self.progress
         progress.env_steps, progress.updates = self.algorithm.env_steps, self.algorithm.updates
         self._tick()
+        for incident in self.algorithm.incidents:
+            self.note(incident)
+        self.algorithm.incidents.clear()
         self._recent.extend(self.algorithm.finished)
         self._track(results, took, progress.updates - updates)
         self.algorithm.finished.clear()
@@ -271,6 +315,8 @@ class Training:
         for name in FIGURES:
             if name in learner:
                 values[f"learner/{name}"] = float(learner[name])
+                if name.endswith("loss") and not math.isfinite(values[f"learner/{name}"]):
+                    raise DivergedError(f"{name} is {values[f'learner/{name}']} at {self.progress.env_steps:,} steps")
         self.run.metrics(values, step=self.progress.env_steps)
 
     def policy(self, **about: Any) -> Policy:
@@ -304,5 +350,9 @@ class Training:
         return values
 
     def _append(self, row: dict[str, Any]) -> None:
-        with open(self.folder.evaluations, "a") as file:
-            file.write(json.dumps(row) + "\n")
+        path = self.folder.evaluations
+        try:
+            with open(path, "a") as file:
+                file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written ({error.strerror}): make room, then --resume") from error

@@ -5,12 +5,10 @@ Every beginning, every restored checkpoint and every failure is a line in the fi
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +33,7 @@ class Fake:
         self.env_steps = self.updates = 0
         self.curriculum = Curriculum(("T1",))
         self.finished: list[Any] = []
+        self.incidents: list[str] = []
         say("begin", self.name)
 
     @property
@@ -65,12 +64,11 @@ class Fake:
             for kind in KINDS
         }
 
-    def save_to_path(self, path: str) -> None:
-        Path(path).mkdir(parents=True)
-        (Path(path) / "state.json").write_text(json.dumps([self.env_steps, self.updates]))
+    def get_state(self) -> dict[str, Any]:
+        return {"env_steps": self.env_steps, "updates": self.updates}
 
-    def restore_from_path(self, path: str) -> None:
-        self.env_steps, self.updates = json.loads((Path(path) / "state.json").read_text())
+    def set_state(self, state: dict[str, Any]) -> None:
+        self.env_steps, self.updates = state["env_steps"], state["updates"]
         say("restore", self.name, self.env_steps)
 
     def stop(self) -> None:

@@ -11,7 +11,7 @@ import pytest
 import torch
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
-from freemesh_ray import config
+from freemesh_ray import checkpoint, config
 from freemesh_ray.algorithms.build import ALGORITHMS, build
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
 from freemesh_ray.local_ray import local_ray
@@ -110,9 +110,9 @@ def test_a_restored_training_goes_on_as_the_original(name: str, tmp_path: Path) 
     """Bit for bit: networks, optimizers, experience, curriculum, episodes in flight, random states."""
     original = make(name)
     rounds(original, 450)
-    original.save_to_path(str(tmp_path / "checkpoint"))
+    checkpoint.write(original, {}, tmp_path / "checkpoint")
     restored = make(name, "seed=99")
-    restored.restore_from_path(str(tmp_path / "checkpoint"))
+    checkpoint.restore(restored, tmp_path / "checkpoint")
     for algorithm in (original, restored):
         rounds(algorithm, 300)
     assert restored.updates == original.updates > 0
@@ -129,9 +129,9 @@ def test_a_restored_training_goes_on_as_the_original(name: str, tmp_path: Path) 
 def test_a_restored_training_learns_at_the_rate_of_its_configuration(name: str, tmp_path: Path) -> None:
     original = make(name)
     rounds(original, 300)
-    original.save_to_path(str(tmp_path / "checkpoint"))
+    checkpoint.write(original, {}, tmp_path / "checkpoint")
     restored = make(name, "learner.learning_rate=1e-9")
-    restored.restore_from_path(str(tmp_path / "checkpoint"))
+    checkpoint.restore(restored, tmp_path / "checkpoint")
     for key, value in weights(original).items():
         np.testing.assert_array_equal(weights(restored)[key], value, err_msg=key)
     assert (restored.env_steps, restored.updates) == (original.env_steps, original.updates)
@@ -140,7 +140,7 @@ def test_a_restored_training_learns_at_the_rate_of_its_configuration(name: str, 
         rounds(algorithm, 150)
         assert algorithm.updates > 0
     drift = {key: np.abs(weights(restored)[key] - value).max() for key, value in weights(original).items()}
-    original.restore_from_path(str(tmp_path / "checkpoint"))
+    checkpoint.restore(original, tmp_path / "checkpoint")
     for key, value in weights(original).items():
         if not key.startswith("target"):
             np.testing.assert_allclose(weights(restored)[key], value, rtol=0, atol=1e-6, err_msg=key)

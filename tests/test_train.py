@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,8 @@ class Fake:
         self.curriculum = Curriculum(("T1",))
         self.finished: list[Any] = []
         self.interrupt_at = interrupt_at
+        self.incidents: list[str] = []
+        self.seeds: list[int] = []
         self.saved = 0
 
     def train(self) -> dict[str, Any]:
@@ -54,13 +58,18 @@ class Fake:
             for kind in ("deterministic", "stochastic")
         }
 
-    def save_to_path(self, path: str) -> None:
-        Path(path).mkdir(parents=True)
-        (Path(path) / "state.json").write_text(json.dumps([self.env_steps, self.updates]))
+    def get_state(self) -> dict[str, Any]:
         self.saved += 1
+        return {"env_steps": self.env_steps, "updates": self.updates}
 
-    def restore_from_path(self, path: str) -> None:
-        self.env_steps, self.updates = json.loads((Path(path) / "state.json").read_text())
+    def set_state(self, state: dict[str, Any]) -> None:
+        self.env_steps, self.updates = state["env_steps"], state["updates"]
+
+    def reseed(self, seed: int) -> None:
+        self.seeds.append(seed)
+
+    def stop(self) -> None:
+        pass
 
 
 @pytest.fixture
@@ -122,7 +131,7 @@ def test_a_signal_stops_between_iterations_with_everything_saved(settings: dict[
         run(settings, fake, interrupted=lambda: next(asked))
     (saved,) = checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints")
     assert saved.name == "step_000000300"
-    assert json.loads((saved / "algorithm" / "state.json").read_text()) == [300, 150]
+    assert checkpoint.read(saved)[0] == {"env_steps": 300, "updates": 150}
     assert run(settings, Fake(), resume=True).progress.env_steps == 1000
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
 
@@ -155,7 +164,8 @@ def test_resuming_a_finished_run_keeps_its_checkpoint(settings: dict[str, Any]) 
 
 
 @pytest.mark.parametrize("damage", ["", "[]", "7", "{", '{"env_steps": 1000, "other": 1}'])
-def test_a_damaged_checkpoint_is_named(damage: str, settings: dict[str, Any]) -> None:
+def test_damaged_progress_is_named(damage: str, settings: dict[str, Any]) -> None:
+    settings["checkpoint"]["keep"] = 1
     trained = run(settings, Fake())
     (trained.checkpoint / "progress.json").write_text(damage)
     with pytest.raises(checkpoint.CheckpointError, match="step_000001000"):
@@ -206,8 +216,7 @@ def test_a_checkpoint_cut_short_is_not_seen(tmp_path: Path) -> None:
     """What a kill in mid-save leaves behind."""
 
     class Dies(Fake):
-        def save_to_path(self, path: str) -> None:
-            super().save_to_path(path)
+        def get_state(self) -> dict[str, Any]:
             raise KeyboardInterrupt
 
     checkpoint.save(Fake(), {"env_steps": 1}, tmp_path, keep=2)
@@ -231,3 +240,118 @@ def _folder(tmp_path: Path) -> RunFolder:
 
 def _no_tracking(tmp_path: Path) -> Run:
     return Run(tmp_path, uri="", experiment="", name="", enabled=False)
+
+
+class Fails(Fake):
+    """Raises at the given env steps."""
+
+    def __init__(self, at: float) -> None:
+        super().__init__()
+        self.at = at
+
+    def train(self) -> dict[str, Any]:
+        results = super().train()
+        if self.env_steps >= self.at:
+            raise RuntimeError("the learner is gone\nand more")
+        return results
+
+
+class Factory:
+    """Algorithms of which the first fails at the first of the given env steps, the second at the second ..."""
+
+    def __init__(self, *at: int) -> None:
+        self.at = list(at)
+        self.made: list[Fake] = []
+
+    def __call__(self, _: Any) -> Fake:
+        self.made.append(Fails(self.at.pop(0) if self.at else math.inf))
+        return self.made[-1]
+
+
+def test_a_failure_goes_back_to_the_last_checkpoint_with_other_random_numbers(settings: dict[str, Any]) -> None:
+    notes: list[str] = []
+    factory = Factory(700)
+    trained = train(settings, make=factory, note=notes.append)
+    assert trained.progress.env_steps == 1000
+    assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
+    assert notes[0] == "the learner is gone; going back to step_000000400 (failure 1 in a row)"
+    assert [fake.seeds for fake in factory.made] == [[], [1]]
+    assert "Traceback" in (Path(settings["paths"]["runs"]) / "fake" / "failures.log").read_text()
+
+
+def test_a_failure_before_the_first_checkpoint_begins_anew(settings: dict[str, Any]) -> None:
+    notes: list[str] = []
+    trained = train(settings, make=Factory(350), note=notes.append)
+    assert trained.progress.env_steps == 1000
+    assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
+    assert "going back to the start" in notes[0]
+
+
+def test_failures_with_checkpoints_in_between_are_not_counted_together(settings: dict[str, Any]) -> None:
+    settings["checkpoint"]["retries"] = 1
+    trained = train(settings, make=Factory(500, 900), note=lambda line: None)
+    assert trained.progress.env_steps == 1000
+
+
+def test_it_gives_up_in_one_line_and_can_be_resumed(settings: dict[str, Any]) -> None:
+    settings["checkpoint"]["retries"] = 2
+    factory = Factory(700, 700, 700)
+    with pytest.raises(RunError, match=r"fake: the learner is gone \(failures.log has more\).*step_000000400"):
+        train(settings, make=factory)
+    assert len(factory.made) == 3
+    assert train(settings, make=Factory(), resume=True).progress.env_steps == 1000
+
+
+def test_a_loss_that_is_no_number_goes_back_and_is_never_saved(settings: dict[str, Any]) -> None:
+    class Diverges(Fake):
+        def train(self) -> dict[str, Any]:
+            super().train()
+            return {"learners": {"default_policy": {"critic_loss": math.nan if self.env_steps >= 600 else 1.0}}}
+
+    notes: list[str] = []
+    made = [Diverges(), Fake()]
+    trained = train(settings, make=lambda _: made.pop(0), note=notes.append)
+    assert trained.progress.env_steps == 1000
+    assert notes[0] == "critic_loss is nan at 600 steps; going back to step_000000400 (failure 1 in a row)"
+
+
+def test_a_damaged_checkpoint_is_set_aside_for_the_one_before(settings: dict[str, Any]) -> None:
+    run(settings, Fake())
+    folder = Path(settings["paths"]["runs"]) / "fake" / "checkpoints"
+    newest, older = checkpoint.found(folder)
+    state = newest / checkpoint.STATE
+    state.write_bytes(state.read_bytes()[:-100])
+    notes: list[str] = []
+    settings["budget"]["env_steps"] = 1200
+    assert run(settings, Fake(), resume=True, note=notes.append).progress.env_steps == 1200
+    assert notes[0].startswith(f"{newest}: unreadable checkpoint")
+    assert "going back to the one before" in notes[0]
+    assert notes[1].startswith(f"going on from {older}")
+    assert (folder / f".damaged_{newest.name}").is_dir()
+
+
+def test_without_a_sound_checkpoint_a_run_is_not_silently_begun_anew(settings: dict[str, Any]) -> None:
+    run(settings, Fake())
+    for path in checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints"):
+        (path / checkpoint.STATE).write_bytes(b"")
+    with pytest.raises(checkpoint.CheckpointError, match="there is no older one"):
+        run(settings, Fake(), resume=True)
+
+
+def test_a_checkpoint_that_cannot_be_written_is_tried_again_later(
+    settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save, full = checkpoint.save, [True]
+
+    def sometimes(*arguments: Any) -> Path:
+        if full and full.pop():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return save(*arguments)
+
+    monkeypatch.setattr(checkpoint, "save", sometimes)
+    notes: list[str] = []
+    trained = run(settings, Fake(), note=notes.append)
+    assert trained.progress.env_steps == 1000
+    assert "no checkpoint at 400 steps (No space left on device); training goes on" in notes[0]
+    found = checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints")
+    assert [path.name for path in found] == ["step_000001000", "step_000000800"]

@@ -77,6 +77,7 @@ def configured(config: Config) -> MeshConfig:
         .training(
             gamma=learner["gamma"],
             hidden=learner["hidden"],
+            runner_timeout=runners["timeout"],
             curriculum=Curriculum(
                 stages=tuple(domain.name for domain in domains),
                 promote_at=curriculum["promote_at"],

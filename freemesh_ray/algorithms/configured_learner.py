@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from ray.rllib.core.learner.torch.torch_learner import TorchLearner
+from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
 
 class ConfiguredLearner(TorchLearner):
@@ -15,6 +16,11 @@ class ConfiguredLearner(TorchLearner):
         """Build module and optimizers."""
         torch.set_num_threads(1)
         super().build()
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over a state, also one older than this learner: RLlib passes over weights that are."""
+        number = max(state.get(WEIGHTS_SEQ_NO, 0), self._weights_seq_no + 1)
+        super().set_state({**state, WEIGHTS_SEQ_NO: number})
 
     def _set_optimizer_state(self, state: Any) -> None:
         # An optimizer's state holds its learning rate: a resumed training would not learn at the rate it is given.

@@ -85,7 +85,17 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             uniform: draw actions uniformly from the action space (the warm-up) in place of the policy.
             task: which domains new episodes are drawn from, with weights; None leaves it as it is. Sent with every
                 call, so that a worker that was started anew needs no second message.
+
+        Raises:
+            Exception: whatever an environment raised; the next call begins new episodes.
         """
+        try:
+            return self._collect(rounds, uniform, task)
+        except Exception:
+            self._obs = None  # who knows how far the environments came
+            raise
+
+    def _collect(self, rounds: int, uniform: bool, task: Mapping[str, float] | None) -> Collected:
         env = self.env.unwrapped
         if task is not None:
             env.task.set(task)
@@ -128,7 +138,12 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         """
         if task is not None:
             self.env.unwrapped.task.set(task)
-        episodes = self.sample(num_timesteps=steps)
+        try:
+            episodes = self.sample(num_timesteps=steps)
+        except Exception:
+            self._needs_initial_reset = True
+            self._begun.clear()
+            raise
         self.get_metrics()  # RLlib keeps every episode until it is asked for them
         ended: list[Episode] = []
         for episode in episodes:
@@ -145,6 +160,11 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         """RLlib's own sampling, in episodes; ``collect`` then begins afresh."""
         self._obs = None
         return super().sample(**kwargs)
+
+    def reseed(self, seed: list[int]) -> None:
+        """Draw other random numbers from here on, and begin new episodes."""
+        self._random = np.random.default_rng(seed)
+        self._obs = None
 
     def rollout_state(self) -> dict[str, Any]:
         """All that the next ``collect`` depends on besides the weights."""

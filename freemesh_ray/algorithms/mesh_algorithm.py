@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import ray
 from ray.rllib.algorithms.algorithm import Algorithm
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
@@ -17,21 +20,32 @@ from freemesh_ray.curriculum import Curriculum
 from freemesh_ray.evaluate import KINDS, evaluation_episodes, summary
 from freemesh_ray.policy import Policy
 
+#: Seconds between two looks whether an env runner that died is back: each look holds up the training.
+PROBE_SECONDS = 3.0
+#: Failures of one env runner, in a row, that are taken for chance.
+MOST_FAILURES = 5
+
+
+class EnvRunnerError(RuntimeError):
+    """Env runners that fail again and again, or none of which answers; one line with the last reason."""
+
 
 class MeshConfig(AlgorithmConfig):
     """How environments are run, whatever learns from them.
 
     Besides RLlib's own settings: ``hidden`` (units of each hidden layer), ``curriculum`` (a Curriculum, or None to
-    leave the environments' task alone).
+    leave the environments' task alone), ``runner_timeout`` (seconds without an answer after which an env runner is
+    replaced).
     """
 
     #: Settings of ``training`` that RLlib does not know.
-    OWN: tuple[str, ...] = ("hidden", "curriculum")
+    OWN: tuple[str, ...] = ("hidden", "curriculum", "runner_timeout")
 
     def __init__(self, algo_class: type | None = None) -> None:
         super().__init__(algo_class=algo_class)
         self.hidden: list[int] = [128, 128, 128]
         self.curriculum: Curriculum | None = None
+        self.runner_timeout = 300.0
         self.gamma = 0.99
         self.env_runner_cls = TransitionEnvRunner
         self.num_env_runners = 0
@@ -41,6 +55,7 @@ class MeshConfig(AlgorithmConfig):
         self.min_sample_timesteps_per_iteration = 1_000
         self.restart_failed_env_runners = True
         self.delay_between_env_runner_restarts_s = 1.0
+        self.env_runner_health_probe_timeout_s = 1.0
         self.torch_skip_nan_gradients = False
 
     def training(self, **settings: Any) -> Any:
@@ -68,19 +83,87 @@ class MeshAlgorithm(Algorithm):
         self.updates = 0
         #: Episodes that ended since the caller last took them.
         self.finished: list[Episode] = []
+        #: What went wrong and was overcome since the caller last took it, a line each.
+        self.incidents: list[str] = []
+        self._failures: Counter[int] = Counter()
+        self._heard = self._probed = time.monotonic()
 
     def _from_runners(self, method: str, **request: Any) -> list[Any]:
-        """What every env runner answers to a call of ``method``, with the curriculum's task as ``task``."""
+        """What the env runners answer to a call of ``method``, with the curriculum's task as ``task``.
+
+        One that dies, raises or does not answer in time is missing from the answers; it is started anew, or begins new
+        episodes, while the others go on.
+
+        Raises:
+            EnvRunnerError: one raises again and again, or for ``runner_timeout`` none has answered.
+        """
         request["task"] = None if self.curriculum is None else self.curriculum.task()
-        group = self.env_runner_group
-        if group.num_remote_env_runners() == 0:
-            return [getattr(self.env_runner, method)(**request)]
-        return group.foreach_env_runner(method, kwargs=request, local_env_runner=False)
+        if self.env_runner_group.num_remote_env_runners() == 0:
+            try:
+                answers = [getattr(self.env_runner, method)(**request)]
+            except Exception as error:
+                self._failed(0, error)
+                return []
+        else:
+            answers = self._from_remote(method, request)
+        if answers:
+            self._heard = time.monotonic()
+        elif time.monotonic() - self._heard > self.config.runner_timeout:
+            raise EnvRunnerError(f"no env runner has answered for {self.config.runner_timeout:.0f} s")
+        return answers
+
+    def _from_remote(self, method: str, request: dict[str, Any]) -> list[Any]:
+        manager = self.env_runner_group._worker_manager
+        asked = manager.healthy_actor_ids()
+        results = manager.foreach_actor(
+            method, kwargs=request, remote_actor_ids=asked, timeout_seconds=self.config.runner_timeout
+        ).result_or_errors if asked else []  # fmt: skip
+        answers = []
+        for result in results:
+            if result.ok:
+                self._failures.pop(result.actor_id, None)
+                answers.append(result.get())
+            else:
+                self._failed(result.actor_id, result.get())
+        for runner in set(asked) - {result.actor_id for result in results}:
+            ray.kill(manager.actors()[runner], no_restart=False)
+            manager.set_actor_state(runner, healthy=False)
+            self._failed(runner, TimeoutError(f"no answer within {self.config.runner_timeout:g} s"))
+        return answers
+
+    def _failed(self, runner: int, error: Exception) -> None:
+        """Note a failure.
+
+        Raises:
+            EnvRunnerError: it is one too many.
+        """
+        self._failures[runner] += 1
+        cause = getattr(error, "cause", None) or error
+        brief = (str(cause) or type(cause).__name__).strip().splitlines()[0][:200]
+        self.incidents.append(f"env runner {runner} failed ({type(cause).__name__}: {brief}); it begins anew")
+        if self._failures[runner] > MOST_FAILURES:
+            raise EnvRunnerError(f"env runner {runner} failed {MOST_FAILURES + 1} times in a row: {brief}") from error
+
+    def restore_env_runners(self, env_runner_group: Any) -> list[int]:
+        """RLlib's, but only every few seconds: to look whether a dead runner is back takes as long as it is not."""
+        if time.monotonic() - self._probed < PROBE_SECONDS:
+            return []
+        restored = super().restore_env_runners(env_runner_group)
+        self._probed = time.monotonic()
+        return restored
 
     def _each_runner(self, function: Callable[[Any], Any]) -> list[Any]:
-        """``function`` of every env runner."""
+        """``function`` of every env runner that answers in time."""
         group = self.env_runner_group
-        return group.foreach_env_runner(function, local_env_runner=group.num_remote_env_runners() == 0)
+        return group.foreach_env_runner(
+            function,
+            local_env_runner=group.num_remote_env_runners() == 0,
+            timeout_seconds=self.config.runner_timeout,
+        )
+
+    def reseed(self, seed: int) -> None:
+        """Draw other random numbers from here on than a training that went the same way so far."""
+        self._each_runner(lambda runner: runner.reseed([seed, runner.worker_index or 0]))
 
     def _count(self, steps: int, episodes: list[Episode]) -> None:
         """Log a round of ``steps`` env steps and the episodes that ended in it, and go on in the curriculum."""
@@ -106,7 +189,9 @@ class MeshAlgorithm(Algorithm):
         """Send the actor to the env runners."""
         with self.metrics.log_time(("timers", "publish")):
             self.env_runner_group.sync_weights(
-                from_worker_or_learner_group=self.learner_group, inference_only=True, timeout_seconds=None
+                from_worker_or_learner_group=self.learner_group,
+                inference_only=True,
+                timeout_seconds=self.config.runner_timeout,
             )
 
     def evaluate(self, parallel_train_future: Any = None) -> dict[str, Any]:
@@ -167,5 +252,5 @@ class MeshAlgorithm(Algorithm):
         super().set_state(state)
         if "env_steps" in state:
             self.env_steps, self.updates = state["env_steps"], state["updates"]
-            self.finished = list(state["finished"])
+            self.finished = [Episode(*episode) for episode in state["finished"]]
             self.curriculum = curriculum

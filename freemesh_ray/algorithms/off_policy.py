@@ -116,6 +116,11 @@ class OffPolicy(MeshAlgorithm):
         self.metrics.aggregate(results, key=LEARNER_RESULTS)
         self.updates += count
 
+    def reseed(self, seed: int) -> None:
+        """MeshAlgorithm's, and other minibatches."""
+        super().reseed(seed)
+        self.local_replay_buffer.reseed(seed)
+
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """MeshAlgorithm's state with what rounds depend on: updates owed, episodes in flight, experience."""
         state = super().get_state(*args, **kwargs)

@@ -87,6 +87,10 @@ class ReplayBuffer(Checkpointable):
         index = self._random.integers(self._size, size=count)
         return Transitions(*(stored[index] for stored in self._rows))
 
+    def reseed(self, seed: int) -> None:
+        """Sample otherwise from here on."""
+        self._random = np.random.default_rng([seed, len(self)])
+
     def get_state(self, components: Any = None, *, not_components: Any = None, **kwargs: Any) -> dict[str, Any]:
         """What is filled, where the next row goes, and the sampling's random state."""
         return {

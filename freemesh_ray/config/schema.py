@@ -62,12 +62,14 @@ SCHEMA: dict[str, Field] = {
     "runners.count": Field(int, 0, 1024),
     "runners.envs_per_runner": Field(int, 1, 4096),
     "runners.fragment": Field(int, 1, 10**5),
+    "runners.timeout": Field(float, 1, 10**6),
     "budget.env_steps": Field(int, 1, COUNT),
     "budget.minutes": Field(float, TINY, 10**9, optional=True),
     "evaluation.interval": Field(int, 1, COUNT),
     "evaluation.episodes": Field(int, 1, 10**6),
     "checkpoint.interval": Field(int, 1, COUNT),
     "checkpoint.keep": Field(int, 1, 1000),
+    "checkpoint.retries": Field(int, 0, 1000),
     "tracking.uri": Field(
         str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT"
     ),
