@@ -6,7 +6,6 @@ It is given an algorithm and a place for its metrics, so that a test can hand it
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -33,10 +32,6 @@ FIGURES = (
     "critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean",
     "policy_loss", "vf_loss", "vf_explained_var", "entropy",
 )  # fmt: skip
-
-
-class DivergedError(RuntimeError):
-    """A loss that is no number; what is learnt since the last checkpoint is of no use."""
 
 
 class Algorithm(Protocol):
@@ -213,7 +208,7 @@ class Training:
 
         Raises:
             KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
-            DivergedError: a loss is no number.
+            Exception: whatever the algorithm raised; everything up to the last checkpoint is in it.
             OutputError: the last checkpoint, or the best policy, cannot be written.
         """
         self._clock = time.monotonic()
@@ -315,8 +310,6 @@ class Training:
         for name in FIGURES:
             if name in learner:
                 values[f"learner/{name}"] = float(learner[name])
-                if name.endswith("loss") and not math.isfinite(values[f"learner/{name}"]):
-                    raise DivergedError(f"{name} is {values[f'learner/{name}']} at {self.progress.env_steps:,} steps")
         self.run.metrics(values, step=self.progress.env_steps)
 
     def policy(self, **about: Any) -> Policy:

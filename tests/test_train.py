@@ -302,19 +302,6 @@ def test_it_gives_up_in_one_line_and_can_be_resumed(settings: dict[str, Any]) ->
     assert train(settings, make=Factory(), resume=True).progress.env_steps == 1000
 
 
-def test_a_loss_that_is_no_number_goes_back_and_is_never_saved(settings: dict[str, Any]) -> None:
-    class Diverges(Fake):
-        def train(self) -> dict[str, Any]:
-            super().train()
-            return {"learners": {"default_policy": {"critic_loss": math.nan if self.env_steps >= 600 else 1.0}}}
-
-    notes: list[str] = []
-    made = [Diverges(), Fake()]
-    trained = train(settings, make=lambda _: made.pop(0), note=notes.append)
-    assert trained.progress.env_steps == 1000
-    assert notes[0] == "critic_loss is nan at 600 steps; going back to step_000000400 (failure 1 in a row)"
-
-
 def test_a_damaged_checkpoint_is_set_aside_for_the_one_before(settings: dict[str, Any]) -> None:
     run(settings, Fake())
     folder = Path(settings["paths"]["runs"]) / "fake" / "checkpoints"

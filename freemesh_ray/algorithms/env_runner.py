@@ -62,6 +62,22 @@ class Rollout(NamedTuple):
     ended: list[Episode]
 
 
+class Failure(NamedTuple):
+    """An environment that raised.
+
+    Attributes:
+        reason: the exception's kind and the first line of what it says.
+    """
+
+    reason: str
+
+    @classmethod
+    def of(cls, error: BaseException) -> Failure:
+        """That of an exception."""
+        first = str(error).strip().splitlines()[:1]
+        return cls(": ".join([type(error).__name__, *first])[:200])
+
+
 class TransitionEnvRunner(SingleAgentEnvRunner):
     """A SingleAgentEnvRunner with a batched ``collect``."""
 
@@ -77,7 +93,9 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         #: Length and return so far of the episodes that ``rollout`` has begun.
         self._begun: dict[str, tuple[int, float]] = {}
 
-    def collect(self, rounds: int, *, uniform: bool = False, task: Mapping[str, float] | None = None) -> Collected:
+    def collect(
+        self, rounds: int, *, uniform: bool = False, task: Mapping[str, float] | None = None
+    ) -> Collected | Failure:
         """Take ``rounds`` steps in every environment.
 
         Args:
@@ -86,14 +104,15 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             task: which domains new episodes are drawn from, with weights; None leaves it as it is. Sent with every
                 call, so that a worker that was started anew needs no second message.
 
-        Raises:
-            Exception: whatever an environment raised; the next call begins new episodes.
+        Returns:
+            The harvest; a Failure where an environment raised, after which the next call begins new episodes. To let
+            it out would end this process: RLlib trusts no runner that raised.
         """
         try:
             return self._collect(rounds, uniform, task)
-        except Exception:
+        except Exception as error:
             self._obs = None  # who knows how far the environments came
-            raise
+            return Failure.of(error)
 
     def _collect(self, rounds: int, uniform: bool, task: Mapping[str, float] | None) -> Collected:
         env = self.env.unwrapped
@@ -129,21 +148,24 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         self._needs_initial_reset = True
         return Collected(concatenate(parts), episodes)
 
-    def rollout(self, steps: int, *, task: Mapping[str, float] | None = None) -> Rollout:
+    def rollout(self, steps: int, *, task: Mapping[str, float] | None = None) -> Rollout | Failure:
         """RLlib's own sampling of at least ``steps`` steps, over all environments together.
 
         Args:
             steps: env steps.
             task: as in ``collect``.
+
+        Returns:
+            As ``collect``.
         """
         if task is not None:
             self.env.unwrapped.task.set(task)
         try:
             episodes = self.sample(num_timesteps=steps)
-        except Exception:
+        except Exception as error:
             self._needs_initial_reset = True
             self._begun.clear()
-            raise
+            return Failure.of(error)
         self.get_metrics()  # RLlib keeps every episode until it is asked for them
         ended: list[Episode] = []
         for episode in episodes:

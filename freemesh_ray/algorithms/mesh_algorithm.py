@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -12,10 +13,10 @@ import ray
 from ray.rllib.algorithms.algorithm import Algorithm
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
-from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
+from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
 from envs.types import MeshingParameters
-from freemesh_ray.algorithms.env_runner import Episode, TransitionEnvRunner
+from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
 from freemesh_ray.curriculum import Curriculum
 from freemesh_ray.evaluate import KINDS, evaluation_episodes, summary
 from freemesh_ray.policy import Policy
@@ -28,6 +29,10 @@ MOST_FAILURES = 5
 
 class EnvRunnerError(RuntimeError):
     """Env runners that fail again and again, or none of which answers; one line with the last reason."""
+
+
+class DivergedError(RuntimeError):
+    """A loss that is no number: what was learnt since the last checkpoint is of no use."""
 
 
 class MeshConfig(AlgorithmConfig):
@@ -99,50 +104,50 @@ class MeshAlgorithm(Algorithm):
         """
         request["task"] = None if self.curriculum is None else self.curriculum.task()
         if self.env_runner_group.num_remote_env_runners() == 0:
-            try:
-                answers = [getattr(self.env_runner, method)(**request)]
-            except Exception as error:
-                self._failed(0, error)
-                return []
+            found = {0: getattr(self.env_runner, method)(**request)}
         else:
-            answers = self._from_remote(method, request)
+            found = self._from_remote(method, request)
+        answers = []
+        for runner, answer in found.items():
+            if isinstance(answer, Failure):
+                self._failed(runner, answer.reason)
+            else:
+                self._failures.pop(runner, None)
+                answers.append(answer)
         if answers:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > self.config.runner_timeout:
             raise EnvRunnerError(f"no env runner has answered for {self.config.runner_timeout:.0f} s")
         return answers
 
-    def _from_remote(self, method: str, request: dict[str, Any]) -> list[Any]:
+    def _from_remote(self, method: str, request: dict[str, Any]) -> dict[int, Any]:
+        """Each remote env runner's answer to a call, or its Failure."""
         manager = self.env_runner_group._worker_manager
         asked = manager.healthy_actor_ids()
-        results = manager.foreach_actor(
-            method, kwargs=request, remote_actor_ids=asked, timeout_seconds=self.config.runner_timeout
-        ).result_or_errors if asked else []  # fmt: skip
-        answers = []
-        for result in results:
-            if result.ok:
-                self._failures.pop(result.actor_id, None)
-                answers.append(result.get())
-            else:
-                self._failed(result.actor_id, result.get())
-        for runner in set(asked) - {result.actor_id for result in results}:
+        if not asked:
+            return {}
+        patience = self.config.runner_timeout
+        results = manager.foreach_actor(method, kwargs=request, remote_actor_ids=asked, timeout_seconds=patience)
+        found = {
+            result.actor_id: result.get() if result.ok else Failure("its process died")
+            for result in results.result_or_errors
+        }
+        for runner in set(asked) - set(found):
             ray.kill(manager.actors()[runner], no_restart=False)
             manager.set_actor_state(runner, healthy=False)
-            self._failed(runner, TimeoutError(f"no answer within {self.config.runner_timeout:g} s"))
-        return answers
+            found[runner] = Failure(f"no answer within {patience:g} s")
+        return found
 
-    def _failed(self, runner: int, error: Exception) -> None:
+    def _failed(self, runner: int, reason: str) -> None:
         """Note a failure.
 
         Raises:
             EnvRunnerError: it is one too many.
         """
         self._failures[runner] += 1
-        cause = getattr(error, "cause", None) or error
-        brief = (str(cause) or type(cause).__name__).strip().splitlines()[0][:200]
-        self.incidents.append(f"env runner {runner} failed ({type(cause).__name__}: {brief}); it begins anew")
+        self.incidents.append(f"env runner {runner} failed ({reason}); it begins anew")
         if self._failures[runner] > MOST_FAILURES:
-            raise EnvRunnerError(f"env runner {runner} failed {MOST_FAILURES + 1} times in a row: {brief}") from error
+            raise EnvRunnerError(f"env runner {runner} failed {MOST_FAILURES + 1} times in a row: {reason}")
 
     def restore_env_runners(self, env_runner_group: Any) -> list[int]:
         """RLlib's, but only every few seconds: to look whether a dead runner is back takes as long as it is not."""
@@ -184,6 +189,18 @@ class MeshAlgorithm(Algorithm):
                 ("element_quality_mean", episode.mean_eta),
             ):
                 self.metrics.log_value((key, name), value, window=self.config.metrics_num_episodes_for_smoothing)
+
+    def _learnt(self, results: list[Any]) -> None:
+        """Log what the learners tell of an update.
+
+        Raises:
+            DivergedError: a loss is no number; the env runners have not got the networks yet.
+        """
+        self.metrics.aggregate(results, key=LEARNER_RESULTS)
+        for result in results:
+            for name, figure in result[DEFAULT_POLICY_ID].items():
+                if name.endswith("loss") and not math.isfinite(loss := float(figure.peek())):
+                    raise DivergedError(f"{name} is {loss} at {self.env_steps:,} steps")
 
     def _publish(self) -> None:
         """Send the actor to the env runners."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from ray.rllib.core.columns import Columns
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID, MultiAgentBatch, SampleBatch
-from ray.rllib.utils.metrics import LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
+from ray.rllib.utils.metrics import NUM_ENV_STEPS_SAMPLED_LIFETIME
 
 from freemesh_ray.algorithms.env_runner import Collected
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
@@ -113,7 +113,7 @@ class OffPolicy(MeshAlgorithm):
                 batch=MultiAgentBatch({DEFAULT_POLICY_ID: batch}, env_steps=len(rows)),
                 timesteps={NUM_ENV_STEPS_SAMPLED_LIFETIME: self.env_steps},
             )
-        self.metrics.aggregate(results, key=LEARNER_RESULTS)
+        self._learnt(results)
         self.updates += count
 
     def reseed(self, seed: int) -> None:

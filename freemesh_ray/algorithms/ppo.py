@@ -10,7 +10,7 @@ from ray.rllib.algorithms.ppo import PPOConfig as RLlibPPOConfig
 from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
-from ray.rllib.utils.metrics import LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME, NUM_MODULE_STEPS_TRAINED
+from ray.rllib.utils.metrics import NUM_ENV_STEPS_SAMPLED_LIFETIME, NUM_MODULE_STEPS_TRAINED
 
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
@@ -87,7 +87,7 @@ class PPO(MeshAlgorithm, RLlibPPO):
             )
         rows = sum(int(result[DEFAULT_POLICY_ID][NUM_MODULE_STEPS_TRAINED].peek()) for result in results)
         self.updates += rows // self.config.minibatch_size
-        self.metrics.aggregate(results, key=LEARNER_RESULTS)
+        self._learnt(results)
         self._publish()
 
     def critic_weights(self) -> list[tuple[Any, Any]]:
