@@ -26,6 +26,8 @@ from processes import QUIET, free_port
 
 RAY = str(Path(sys.executable).with_name("ray"))
 MARK = "FREEMESH_TEST_NODE"
+#: Of the nodes, by their number, all on the loopback device: Ray would take 127.0.0.1 for the machine's outer address.
+ADDRESS = "127.0.77.{}"
 #: What ends a job.
 OVER = ("SUCCEEDED", "FAILED", "STOPPED")
 #: Bytes: the least that Ray takes is 75 MB.
@@ -65,7 +67,7 @@ class Cluster:
         """
         self._workers, self._cpus = workers, cpus
         self._port, dashboard = free_port(), free_port()
-        self.address, self.url = f"127.0.0.1:{self._port}", f"http://127.0.0.1:{dashboard}"
+        self.address, self.url = f"{ADDRESS.format(1)}:{self._port}", f"http://127.0.0.1:{dashboard}"
         self.token = secrets.token_hex(16)
         self._folder = Path(tempfile.mkdtemp(prefix="ray-"))  # short: sockets' paths have at most 107 characters
         self.environment = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": self.token, "RAY_ADDRESS": self.url}
@@ -105,7 +107,7 @@ class Cluster:
         """Kill every process of the head, as a power cut would."""
         self._kill("head")
         # Its workers' command lines, on this same machine, would have the next head think that it still runs.
-        (self._folder / "head" / "ray_current_cluster").unlink(missing_ok=True)
+        (self._folder / "t" / "ray_current_cluster").unlink(missing_ok=True)
 
     def add_worker(self, wait: bool = True) -> int:
         """Start one more worker; its number."""
@@ -180,9 +182,10 @@ class Cluster:
         return "\n".join(f"{path.name}: {path.read_text()[-2000:]}" for path in sorted(self._folder.glob("*.log")))
 
     def _start(self, name: str, *arguments: str) -> None:
+        ip = ADDRESS.format(1 + [*self._nodes, name].index(name))
         common = [
-            "--block", "--node-ip-address", "127.0.0.1", "--node-name", name, "--labels", f"node={name}",
-            "--resources", json.dumps({name: 1}), "--temp-dir", str(self._folder / name),
+            "--block", "--node-ip-address", ip, "--node-name", name, "--labels", f"node={name}",
+            "--resources", json.dumps({name: 1}), "--temp-dir", str(self._folder / "t"),  # shared: jobs' logs are in it
             "--object-store-memory", str(OBJECT_STORE), "--num-gpus", "0", "--min-worker-port", "0",
             "--max-worker-port", "0", "--dashboard-agent-listen-port", str(free_port()),
             "--include-log-monitor", "false", "--disable-usage-stats",
