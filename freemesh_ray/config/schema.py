@@ -71,7 +71,7 @@ SCHEMA: dict[str, Field] = {
     "checkpoint.keep": Field(int, 1, 1000),
     "checkpoint.retries": Field(int, 0, 1000),
     "tracking.uri": Field(
-        str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT"
+        str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT", optional=True
     ),
     "tracking.experiment": Field(str),
     "tracking.enabled": Field(bool),
