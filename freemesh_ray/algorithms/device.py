@@ -1,0 +1,40 @@
+"""Where learners compute: ``learner.device`` as a number of GPUs for each."""
+
+from __future__ import annotations
+
+import ray
+import torch
+
+from freemesh_ray.config import ConfigError
+
+
+def gpus_here(learners: int) -> int:
+    """GPUs that learners can have: with ``learners`` 0 this process's, else the cluster's; 0 if torch cannot use them."""
+    if not torch.backends.cuda.is_built():
+        return 0
+    return torch.cuda.device_count() if learners == 0 else cluster_gpus()
+
+
+def cluster_gpus() -> int:
+    """GPUs that Ray has to give, used or not."""
+    return int(ray.cluster_resources().get("GPU", 0))
+
+
+def gpus_per_learner(device: str, learners: int, gpus: int) -> int:
+    """1 on CUDA, 0 on the CPU.
+
+    Args:
+        device: ``auto`` (CUDA if there is a GPU for every learner), ``cpu`` or ``cuda``.
+        learners: remote ones; 0: one in this process.
+        gpus: how many there are.
+
+    Raises:
+        ConfigError: ``cuda``, and there are too few GPUs.
+    """
+    enough = gpus >= max(1, learners)
+    if device == "cuda" and not enough:
+        raise ConfigError(
+            f"learner.device: cuda needs a GPU for each of {max(1, learners)} learner(s), and there is {gpus or 'none'}: "
+            "use auto or cpu"
+        )
+    return int(enough and device != "cpu")
