@@ -213,9 +213,11 @@ def train(options: argparse.Namespace) -> int:
     settings = config.load(options.config, options.set)
     prepare(settings, options.resume)
     progress = Progress(sys.stdout)
-    with local_ray(settings["runners"]["count"]):
+    with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
         from freemesh_ray.algorithms.build import build
+        from freemesh_ray.algorithms.device import check
 
+        check(settings["learner"])
         stop = StopSignal()
         trained = run(
             settings,

@@ -8,7 +8,8 @@ The loop in brackets is `freemesh_ray.training`.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -104,17 +105,19 @@ def train(
     """
     folder = prepare(config, resume)
     tracking = config["tracking"]
-    algorithm = make(config)
-    with Run(
-        folder.path,
-        uri=tracking["uri"],
-        experiment=tracking["experiment"],
-        name=config["name"],
-        params=flatten(config),
-        tags=tags(config),
-        resume=resume,
-        enabled=tracking["enabled"],
-    ) as run:
+    with (
+        started(make, config) as algorithm,
+        Run(
+            folder.path,
+            uri=tracking["uri"],
+            experiment=tracking["experiment"],
+            name=config["name"],
+            params=flatten(config),
+            tags=tags(config),
+            resume=resume,
+            enabled=tracking["enabled"],
+        ) as run,
+    ):
         training = Training(algorithm, config, folder, run, report, note, interrupted)
         if resume:
             training.resume()
@@ -124,6 +127,16 @@ def train(
         training.loop()
         produced = deliver(training)
     return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], folder.curve, produced)
+
+
+@contextmanager
+def started(make: Callable[[Mapping[str, Any]], Algorithm], config: Mapping[str, Any]) -> Iterator[Algorithm]:
+    """An algorithm whose processes end here: RLlib would ask for a Ray again, were they ended after it is gone."""
+    algorithm = make(config)
+    try:
+        yield algorithm
+    finally:
+        algorithm.stop()
 
 
 def tags(config: Mapping[str, Any]) -> dict[str, str]:

@@ -275,7 +275,7 @@ def test_a_bad_file_is_named_with_its_line(tmp_path: Path, text: str, line: int,
 def test_learners_have_equal_shares_of_what_the_algorithm_updates_with():
     assert load(sets=["learner.count=3", "learner.batch_size=258"])["learner"]["count"] == 3
     assert load(sets=["learner.count=3", "algorithm=ppo", "ppo.minibatch_size=63"])["learner"]["count"] == 3
-    with pytest.raises(ConfigError, match="^--set algorithm=ppo: ppo.minibatch_size = 64 cannot be shared out"):
+    with pytest.raises(ConfigError, match=r"^--set algorithm=ppo: ppo.minibatch_size = 64 cannot be shared out"):
         load(sets=["learner.count=3", "learner.batch_size=258", "algorithm=ppo"])
 
 

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import ray
 import torch
 
 from freemesh_ray.config import ConfigError
 
 
+def check(learner: Mapping[str, Any]) -> None:
+    """That a configuration's ``learner`` section asks for no GPU that there is not.
+
+    Raises:
+        ConfigError: it does.
+    """
+    gpus_per_learner(learner["device"], learner["count"], gpus_here(learner["count"]))
+
+
 def gpus_here(learners: int) -> int:
-    """GPUs that learners can have: with ``learners`` 0 this process's, else the cluster's; 0 if torch cannot use them."""
-    if not torch.backends.cuda.is_built():
-        return 0
+    """GPUs that learners can have: with ``learners`` 0 this process's, else the cluster's."""
     return torch.cuda.device_count() if learners == 0 else cluster_gpus()
 
 
 def cluster_gpus() -> int:
-    """GPUs that Ray has to give, used or not."""
-    return int(ray.cluster_resources().get("GPU", 0))
+    """GPUs that Ray has to give, in use or not; none if torch is a build that cannot use them."""
+    return int(ray.cluster_resources().get("GPU", 0)) if torch.backends.cuda.is_built() else 0
 
 
 def gpus_per_learner(device: str, learners: int, gpus: int) -> int:
@@ -34,7 +44,6 @@ def gpus_per_learner(device: str, learners: int, gpus: int) -> int:
     enough = gpus >= max(1, learners)
     if device == "cuda" and not enough:
         raise ConfigError(
-            f"learner.device: cuda needs a GPU for each of {max(1, learners)} learner(s), and there is {gpus or 'none'}: "
-            "use auto or cpu"
+            f"learner.device: cuda needs {max(1, learners)} GPU(s), and there are {gpus}: use auto or cpu"
         )
     return int(enough and device != "cpu")

@@ -47,7 +47,7 @@ class OffPolicyLearner(ConfiguredLearner):
     ) -> dict[str, torch.Tensor]:
         """One gradient step on one minibatch; figures by name, losses ending in ``_loss``.
 
-        Everything is on the learner's device, and nothing is read from there: that would wait for all work queued on it.
+        Everything is on the learner's device and nothing is read from there, which would wait for what is queued on it.
 
         Args:
             module_id: which module.
