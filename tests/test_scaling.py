@@ -144,8 +144,8 @@ def test_what_is_found_is_written_in_words_tables_and_a_picture(found: dict[str,
     assert text == scaling_report.text(found)
     assert markdown(["runners", "seconds", "env steps", "updates"],
                     [["1", "61", "24,000", "12,000"], ["2", "not in 180", "9,000", "4,500"]]) in text  # fmt: skip
-    assert f"With 1,000 runners update takes {read['far'][1]['shares']['update']:.0%} of a round" in text
     assert MOVES["update"] in text
+    assert "{" not in text
     ratios = [one["modelled_samples_per_second"] / one["samples_per_second"] for one in read["rounds"]]
     assert ratios == pytest.approx([1.0] * len(ratios))
     plots.draw_scaling(*scaling_report.curves(read), tmp_path / "scaling.png")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ def sampling(seconds: float) -> tuple[float, float]:
     points = []
     for envs in ENVIRONMENTS:
         algo = algorithm(0, envs=envs)
-        took = typical(lambda algo=algo: algo.env_runner.collect(STEPS), seconds)
+        took = typical(partial(algo.env_runner.collect, STEPS), seconds)
         points.append((float(envs), took / STEPS))
         algo.stop()
     return line(*points)

@@ -38,11 +38,15 @@ FAR = (100, 1_000)
 VARIANTS: dict[str, dict[str, float]] = {
     "as measured": {},
     "runners.fragment 64": {"fragment": 64},
-    "runners.envs_per_runner 128": {"envs": 128},
-    "learner.updates_per_step 1/16": {"updates_per_step": 1 / 16},
-    "learner.updates_per_step 1/256": {"updates_per_step": 1 / 256},
+    "updates_per_step 1/16": {"updates_per_step": 1 / 16},
+    "updates_per_step 1/256": {"updates_per_step": 1 / 256},
+    "updates_per_step 1/256, fragment 64": {"updates_per_step": 1 / 256, "fragment": 64},
     "learner.count 8": {"learners": 8},
-    "learner.count 8, batch_size 8 x 256": {"learners": 8, "batch": 8 * BATCH_SIZE},
+    "learner.count 8, batch_size 2048, updates_per_step 1/16": {
+        "learners": 8,
+        "batch": 2048,
+        "updates_per_step": 1 / 16,
+    },
 }
 
 

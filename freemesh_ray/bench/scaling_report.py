@@ -28,39 +28,73 @@ PARTS = (
 RANGE = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1_024)
 
 
+#: The report, with the places of what was found.
+TEXT = """\
+# Scaling
+
+`freemesh bench --part scaling --seconds {seconds:g} --out FOLDER` measures this and writes this file, the numbers
+behind it (scaling.json) and the picture. Machine: {cores} cores, {system}. Settings, unless others are named: SAC on
+T1, {envs} environments a runner, fragments of {fragment} steps, {updates_per_step:g} updates a step, batch {batch},
+on the CPU.
+
+![samples a second against env runners](scaling.png)
+
+## Whole training rounds
+
+Samples and updates a second over {seconds:g} s of training after the warm-up, with everything a round does: sampling,
+storing, updating, sending weights. Learners: 0 is the one in the training's process, others are processes with an
+equal share of every minibatch each. All processes share the {cores} cores, so that what is above them mostly waits.
+The model's number is made of parts that were measured alone (below), not fitted to these.
+
+{rounds}
+
+## Time to a return of {wanted:g}
+
+From the first round, the warm-up included, until the mean return of the last {episodes} training episodes is reached;
+one seed ({seed}), so that a difference between two lines may be luck.
+
+{returns}
+
+## The parts of a round
+
+Each measured alone: the median of repeated calls. Constants and slopes are lines through two sizes. A call and its
+answer go through Ray's object store on one machine: between machines the network's latency and bandwidth come on top.
+
+{parts}
+
+## The model
+
+A round is one part after the other, because the code is: nothing is sampled while the learners update. With N runners
+of E environments, fragments of F steps, U updates a step and batches of B, shared by L learners, S = N E F:
+
+| part      | seconds                                                                                |
+|-----------|----------------------------------------------------------------------------------------|
+| sampling  | F (step + E environment), all runners at once                                          |
+| transport | call + N answer + S bytes                                                              |
+| replay    | S storing + U S B drawing                                                              |
+| update    | U S (update + B / L row); with processes call + U S B bytes; with several U S averaging |
+| publish   | weights + N runner: they are put into the object store once for all runners            |
+
+Where processes share cores, sampling takes N / cores times as long, and updates L / cores times, if that is more than
+once. The model assumes that runners take equally long (a round waits for the slowest), that nothing fails, that
+memory holds, and that what one process does for N others grows with N.
+
+## Beyond this machine
+
+The model with a core for every process. `at most` is what no number of runners passes; the last column is how many
+reach nine tenths of it.
+
+{far}
+
+{moves}
+"""
+
+
 def text(found: Found) -> str:
     """The report, in Markdown."""
-    setup, machine, goal = found["setup"], found["machine"], found["return"]
-    return "\n".join(
-        [
-            "# Scaling, as measured",
-            "",
-            f"{machine['cores']} cores, {machine['system']}; SAC on T1, {setup['envs']} environments a runner, "
-            f"fragments of {setup['fragment']} steps, {setup['updates_per_step']:g} updates a step, batch "
-            f"{setup['batch']}; {found['seconds']:g} s a measurement. What the numbers mean stands in docs/scaling.md.",
-            "",
-            "## Whole training rounds",
-            "",
-            rounds(found),
-            "",
-            f"## Time to a return of {goal['wanted']:g}",
-            "",
-            f"The mean return of the last {goal['episodes']} training episodes, from the first round on; one seed "
-            f"({goal['seed']}), so that a difference between two lines may be luck.",
-            "",
-            returns(found),
-            "",
-            "## The parts of a round, each measured alone",
-            "",
-            parts(found),
-            "",
-            "## Beyond this machine: the model, every process on a core of its own",
-            "",
-            far(found),
-            "",
-            *verdicts(found),
-            "",
-        ]
+    tables = {table.__name__: table(found) for table in (rounds, returns, parts, far, moves)}
+    return TEXT.format(
+        **{**found["setup"], **found["machine"], **found["return"], **tables, "seconds": found["seconds"]}
     )
 
 
@@ -109,24 +143,18 @@ def far(found: Found) -> str:
         [
             one["settings"], f"{one['runners']:,}", f"{one['samples_per_second']:,.0f}",
             f"{one['updates_per_second']:,.0f}", *(f"{one['shares'][name]:.0%}" for name in names),
-            f"{one['most_samples_per_second']:,.0f}", f"{one['enough_runners']:,.0f}",
+            one["bottleneck"], f"{one['most_samples_per_second']:,.0f}", f"{one['enough_runners']:,.0f}",
         ]
         for one in found["far"]
     ]  # fmt: skip
-    return markdown(["settings", "runners", "samples/s", "updates/s", *names, "at most", "90 % of it with"], rows)
+    return markdown(
+        ["settings", "runners", "samples/s", "updates/s", *names, "bottleneck", "at most", "90 % of it with"], rows
+    )
 
 
-def verdicts(found: Found) -> list[str]:
-    """A sentence for each number of runners: the bottleneck, and what moves it."""
-    first = [one for one in found["far"] if one["settings"] == found["far"][0]["settings"]]
-    return [
-        f"With {one['runners']:,} runners {one['bottleneck']} takes {one['shares'][one['bottleneck']]:.0%} of a round. "
-        f"What moves it: {MOVES[one['bottleneck']]}."
-        for one in first
-    ] + [
-        f"More than {first[0]['enough_runners']:,.0f} runners give less than a tenth more: with these settings no "
-        f"number of them passes {first[0]['most_samples_per_second']:,.0f} samples a second."
-    ]
+def moves(found: Found) -> str:
+    """What moves each part."""
+    return markdown(["bottleneck", "what moves it"], [list(pair) for pair in MOVES.items()])
 
 
 Points = list[tuple[float, float]]
@@ -139,7 +167,7 @@ def curves(found: Found) -> tuple[dict[str, tuple[Points, Points]], dict[str, Po
     """
     here: dict[str, tuple[Points, Points]] = {}
     for one in found["rounds"]:
-        label = f"{one['learners']} learners" if one["learners"] else "learner in the training's process"
+        label = _learners(one["learners"])
         measured, modelled = here.setdefault(label, ([], []))
         measured.append((one["runners"], one["samples_per_second"]))
         modelled.append((one["runners"], one["modelled_samples_per_second"]))
@@ -150,3 +178,9 @@ def _modelled(found: Found, changes: Mapping[str, Any]) -> Points:
     """Samples a second along ``RANGE``, with other settings and a core for every process."""
     costs, settings = Costs(**found["costs"]), {**found["setup"], **changes, "cores": None}
     return [(float(n), round_of(costs, Setup(runners=n, **settings)).samples_per_second) for n in RANGE]
+
+
+def _learners(count: int) -> str:
+    if count == 0:
+        return "learner in the training's process"
+    return f"{count} learner process{'es' if count > 1 else ''}"
