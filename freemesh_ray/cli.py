@@ -158,14 +158,14 @@ def parser() -> argparse.ArgumentParser:
     bench.add_argument(
         "--part",
         action="append",
-        choices=["env", "learner", "sampling", "mesher", "curves", "algorithms"],
+        choices=["env", "learner", "sampling", "mesher", "curves", "algorithms", "gpu", "scaling"],
         metavar="PART",
-        help="env, learner, sampling (default: these three), mesher, curves or algorithms (against "
-        "Stable-Baselines3, long); repeatable",
+        help="env, learner, sampling (default: these three), mesher, gpu (batch sizes on CPU and CUDA), scaling (env "
+        "runners and learners, long), curves or algorithms (against Stable-Baselines3, long); repeatable",
     )
     bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: the shipped one)")
     bench.add_argument("--seconds", type=seconds, default=5.0, help="of each measurement (5)")
-    bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves are written")
+    bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves and scaling are written")
     sync = commands.add_parser(
         "sync",
         help="deliver what a tracking server missed",
@@ -214,9 +214,11 @@ def train(options: argparse.Namespace) -> int:
     settings = Places.here().settled(config.load(options.config, options.set))
     prepare(settings, options.resume)
     progress = Progress(sys.stdout)
-    with local_ray(settings["runners"]["count"]):
+    with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
         from freemesh_ray.algorithms.build import build
+        from freemesh_ray.algorithms.device import check
 
+        check(settings["learner"])
         stop = StopSignal()
         trained = run(
             settings,

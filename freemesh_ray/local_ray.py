@@ -31,7 +31,10 @@ def _without_its_greeting() -> Iterator[None]:
 
 @contextmanager
 def local_ray(workers: int) -> Iterator[None]:
-    """A Ray with room for ``workers`` env runners beside the learner; an address in RAY_ADDRESS is used instead."""
+    """A Ray with room for ``workers`` processes, env runners and learners, beside the training's own.
+
+    An address in RAY_ADDRESS is used instead.
+    """
     # Read when Ray is imported.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
@@ -48,7 +51,7 @@ def local_ray(workers: int) -> Iterator[None]:
         if os.environ.get("RAY_ADDRESS"):
             ray.init(logging_level=logging.ERROR, log_to_driver=False)
         else:
-            # As many slots as processes, whatever the machine has: the runners share its cores with the learner.
+            # As many slots as processes, whatever the machine has: they share its cores.
             ray.init(
                 num_cpus=max(workers + 1, os.cpu_count() or 1),
                 include_dashboard=False,

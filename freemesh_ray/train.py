@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import json
 import traceback
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -145,9 +145,9 @@ def _attempt(
 ) -> Trained:
     """`train` until something fails; after failures with other random numbers, which may not bring them about again."""
     tracking = config["tracking"]
-    algorithm = make(config)
-    try:
-        with Run(
+    with (
+        started(make, config) as algorithm,
+        Run(
             folder.path,
             uri=tracking["uri"],
             experiment=tracking["experiment"],
@@ -156,21 +156,30 @@ def _attempt(
             tags=tags(config),
             resume=resume,
             enabled=tracking["enabled"],
-        ) as run:
-            training = Training(algorithm, config, folder, run, report, note, interrupted)
-            if resume:
-                training.resume()
-            if failures:
-                algorithm.reseed(failures)
-            with replacing(folder.config) as draft:
-                draft.write_text(dump(config))
-            run.artifact(folder.config)
-            training.loop()
-            produced = deliver(training)
-    finally:
-        with suppress(Exception):  # of what has failed, not all may be there to be stopped
-            algorithm.stop()
+        ) as run,
+    ):
+        training = Training(algorithm, config, folder, run, report, note, interrupted)
+        if resume:
+            training.resume()
+        if failures:
+            algorithm.reseed(failures)
+        with replacing(folder.config) as draft:
+            draft.write_text(dump(config))
+        run.artifact(folder.config)
+        training.loop()
+        produced = deliver(training)
     return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], folder.curve, produced)
+
+
+@contextmanager
+def started(make: Callable[[Mapping[str, Any]], Algorithm], config: Mapping[str, Any]) -> Iterator[Algorithm]:
+    """An algorithm whose processes end here: RLlib would ask for a Ray again, were they ended after it is gone."""
+    algorithm = make(config)
+    try:
+        yield algorithm
+    finally:
+        with suppress(Exception):  # of what has failed, not all may be there to be ended
+            algorithm.stop()
 
 
 def _write_down(folder: RunFolder, error: Exception) -> None:

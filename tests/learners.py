@@ -16,13 +16,22 @@ from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
 OBS, ACT, BATCH = 7, 3, 32
 
 
-def learner(config: OffPolicyConfig, seed: int = 0) -> OffPolicyLearner:
-    """The configuration's learner with networks of 16 x 16 and minibatches of BATCH."""
+def learner(config: OffPolicyConfig, seed: int = 0, *, noise: int | None = None, index: int = 0) -> OffPolicyLearner:
+    """The configuration's learner with networks of 16 x 16 and minibatches of BATCH.
+
+    Args:
+        config: what to build.
+        seed: of the weights, and of the noise unless ``noise`` is another.
+        noise: see above.
+        index: which of several learners it is, each with its share of the minibatches.
+    """
     torch.manual_seed(seed)
-    config.training(train_batch_size_per_learner=BATCH, hidden=[16, 16]).debugging(seed=seed)
+    config.training(train_batch_size_per_learner=BATCH // max(1, config.num_learners), hidden=[16, 16])
+    config.debugging(seed=seed if noise is None else noise)
     spec = config.get_default_rl_module_spec()
     spec.observation_space, spec.action_space = spaces.Box(-1, 1, (OBS,)), spaces.Box(-1, 1, (ACT,))
     built = config.get_default_learner_class()(config=config, module_spec=spec)
+    built._set_learner_index_and_placement_group(learner_index=index, placement_group=None)
     built.build()
     return built
 

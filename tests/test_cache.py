@@ -89,7 +89,7 @@ def test_a_change_of_the_kernels_below_is_a_new_folder_for_the_platform(copy: Pa
     assert folder_of(copy, platform) != before
 
 
-@pytest.mark.parametrize("name", ["policy.py", "bench.py", "algorithms/sac.py"])
+@pytest.mark.parametrize("name", ["policy.py", "bench/sampling.py", "algorithms/sac.py"])
 def test_a_change_elsewhere_on_the_platform_keeps_its_folder(copy: Path, platform: Path, name: str) -> None:
     before = folder_of(copy, platform)
     append(platform / name, "\n# changed\n")

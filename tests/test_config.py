@@ -23,7 +23,7 @@ from freemesh_ray.config import (
     load,
     meshing_parameters,
 )
-from freemesh_ray.config.schema import AT_MOST
+from freemesh_ray.config.schema import AT_MOST, SHARED
 
 DEFAULTS_TEXT = (resources.files("tune_configs") / "defaults.yaml").read_text(encoding="utf-8")
 
@@ -116,6 +116,9 @@ def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
     for small, large in AT_MOST:
         if chosen.get(small, defaults[small]) > chosen.get(large, defaults[large]):
             chosen |= {small: 1}
+    shared = SHARED[chosen.get("algorithm", defaults["algorithm"])]
+    if chosen.get(shared, defaults[shared]) % max(1, chosen.get("learner.count", 0)):
+        chosen |= {"learner.count": 1}
     sets = [f"{key}={yaml.safe_dump(value, default_flow_style=True, width=10**6).split('...')[0].strip()}"
             for key, value in chosen.items() if not isinstance(value, str | list)]  # fmt: skip
     tree: dict = {}
@@ -223,6 +226,8 @@ BAD_SETS = [
     ("name=42", "name: must be text of letters, digits and . _ -, not 42: put it in quotes"),
     ("name=../up", 'name: must be text of letters, digits and . _ -, not "../up"'),
     ("name='..'", 'name: must be text of letters, digits and . _ -, not ".."'),
+    ("learner.count=3", "learner.batch_size = 256 cannot be shared out among learner.count = 3: use a multiple"),
+    ("learner.device=gpu", 'learner.device: must be auto or cpu or cuda, not "gpu"'),
     ("learner.buffer_size=100", "learner.batch_size = 256 is more than learner.buffer_size = 100: lower it"),
     ("{learner: 1}=2", "unknown key"),
 ]  # fmt: skip
@@ -265,6 +270,13 @@ def test_a_bad_file_is_named_with_its_line(tmp_path: Path, text: str, line: int,
     assert str(raised.value).startswith(f"{path}:{line}: ")
     assert message in str(raised.value)
     assert "\n" not in str(raised.value)
+
+
+def test_learners_have_equal_shares_of_what_the_algorithm_updates_with():
+    assert load(sets=["learner.count=3", "learner.batch_size=258"])["learner"]["count"] == 3
+    assert load(sets=["learner.count=3", "algorithm=ppo", "ppo.minibatch_size=63"])["learner"]["count"] == 3
+    with pytest.raises(ConfigError, match=r"^--set algorithm=ppo: ppo.minibatch_size = 64 cannot be shared out"):
+        load(sets=["learner.count=3", "learner.batch_size=258", "algorithm=ppo"])
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
 from envs.domain import source
 from freemesh_ray.algorithms.ddpg import DDPGConfig
+from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
 from freemesh_ray.algorithms.off_policy import OffPolicyConfig
@@ -27,7 +29,7 @@ def _off_policy(start: OffPolicyConfig, config: Config, **own: Any) -> MeshConfi
         tau=learner["tau"],
         actor_lr=learner["learning_rate"],
         critic_lr=learner["learning_rate"],
-        train_batch_size_per_learner=learner["batch_size"],
+        train_batch_size_per_learner=learner["batch_size"] // max(1, learner["count"]),
         replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
         updates_per_step=learner["updates_per_step"],
         warmup_steps=learner["warmup_steps"],
@@ -48,12 +50,12 @@ def _ddpg(config: Config) -> MeshConfig:
 
 
 def _ppo(config: Config) -> MeshConfig:
-    ppo = config["ppo"]
+    ppo, learners = config["ppo"], max(1, config["learner"]["count"])
     return PPOConfig().training(
         lr=config["learner"]["learning_rate"],
-        train_batch_size_per_learner=ppo["rollout_steps"],
+        train_batch_size_per_learner=math.ceil(ppo["rollout_steps"] / learners),
         num_epochs=ppo["epochs"],
-        minibatch_size=ppo["minibatch_size"],
+        minibatch_size=ppo["minibatch_size"] // learners,
         clip_param=ppo["clip"],
         lambda_=ppo["gae_lambda"],
         entropy_coeff=ppo["entropy_coefficient"],
@@ -67,13 +69,22 @@ ALGORITHMS: dict[str, Callable[[Config], MeshConfig]] = {"sac": _sac, "td3": _td
 
 
 def configured(config: Config) -> MeshConfig:
-    """The algorithm that a configuration tree (see ``config.load``) describes."""
+    """The algorithm that a configuration tree (see ``config.load``) describes.
+
+    Raises:
+        ConfigError: a GPU is asked for that there is not.
+    """
     learner, runners, curriculum = config["learner"], config["runners"], config["curriculum"]
     domains = [source(stage) for stage in curriculum["stages"]]
     return (
         ALGORITHMS[config["algorithm"]](config)
         .environment(register(), env_config={"domain": domains, **asdict(meshing_parameters(config))})
         .env_runners(num_env_runners=runners["count"], num_envs_per_env_runner=runners["envs_per_runner"])
+        .learners(
+            num_learners=learner["count"],
+            num_cpus_per_learner=1,
+            num_gpus_per_learner=gpus_per_learner(learner["device"], learner["count"], gpus_here(learner["count"])),
+        )
         .training(
             gamma=learner["gamma"],
             hidden=learner["hidden"],

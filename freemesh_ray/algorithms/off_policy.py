@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from ray.rllib.core.columns import Columns
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID, MultiAgentBatch, SampleBatch
 from ray.rllib.utils.metrics import NUM_ENV_STEPS_SAMPLED_LIFETIME
@@ -42,12 +43,31 @@ class OffPolicyConfig(MeshConfig):
             ValueError: a setting that these algorithms would silently ignore.
         """
         super().validate()
-        if self.num_learners > 1:
-            raise ValueError(f"num_learners = {self.num_learners}: this learner does not average gradients; use 0 or 1")
         if self.updates_per_step <= 0:
             raise ValueError(f"updates_per_step = {self.updates_per_step}: must be above 0")
         if self.warmup_steps < 1:
             raise ValueError(f"warmup_steps = {self.warmup_steps}: must be at least 1")
+
+
+def dealt(rows: Transitions, minibatches: int, learners: int) -> list[Transitions]:
+    """Consecutive minibatches, each cut into equal parts: the i-th parts of all, for each learner i."""
+
+    def part(column: np.ndarray, i: int) -> np.ndarray:
+        return column.reshape(minibatches, learners, -1, *column.shape[1:])[:, i].reshape(-1, *column.shape[1:])
+
+    return [Transitions(*(part(column, i) for column in rows)) for i in range(learners)]
+
+
+def batch(rows: Transitions) -> MultiAgentBatch:
+    """Transitions as a learner takes them."""
+    columns = {
+        Columns.OBS: rows.obs,
+        Columns.ACTIONS: rows.actions,
+        Columns.REWARDS: rows.rewards,
+        Columns.NEXT_OBS: rows.next_obs,
+        Columns.TERMINATEDS: rows.terminated,
+    }
+    return MultiAgentBatch({DEFAULT_POLICY_ID: SampleBatch(columns)}, env_steps=len(rows))
 
 
 class OffPolicy(MeshAlgorithm):
@@ -63,10 +83,7 @@ class OffPolicy(MeshAlgorithm):
     def setup(self, config: Any) -> None:
         """Build runners and learner, then the buffer for their spaces."""
         super().setup(config)
-        spaces = self.learner_group._learner.module[DEFAULT_POLICY_ID] if self.learner_group.is_local else None
-        observation_space, action_space = (
-            (spaces.observation_space, spaces.action_space) if spaces else self.spaces[DEFAULT_POLICY_ID]
-        )
+        observation_space, action_space = self.env_runner_group.get_spaces()[DEFAULT_POLICY_ID]
         self.local_replay_buffer = ReplayBuffer(
             int(self.config.replay_buffer_config["capacity"]),
             observation_space.shape[0],
@@ -98,21 +115,11 @@ class OffPolicy(MeshAlgorithm):
         return self._from_runners("collect", rounds=self.config.get_rollout_fragment_length(), uniform=uniform)
 
     def _update(self, count: int) -> None:
-        rows: Transitions = self.local_replay_buffer.sample(count * self.config.train_batch_size_per_learner)
-        batch = SampleBatch(
-            {
-                Columns.OBS: rows.obs,
-                Columns.ACTIONS: rows.actions,
-                Columns.REWARDS: rows.rewards,
-                Columns.NEXT_OBS: rows.next_obs,
-                Columns.TERMINATEDS: rows.terminated,
-            }
-        )
+        rows = self.local_replay_buffer.sample(count * self.config.total_train_batch_size)
+        batches = [batch(part) for part in dealt(rows, count, max(1, self.config.num_learners))]
+        given: dict[str, Any] = {"batch": batches[0]} if self.learner_group.is_local else {"batches": batches}
         with self.metrics.log_time(("timers", "learn")):
-            results = self.learner_group.update(
-                batch=MultiAgentBatch({DEFAULT_POLICY_ID: batch}, env_steps=len(rows)),
-                timesteps={NUM_ENV_STEPS_SAMPLED_LIFETIME: self.env_steps},
-            )
+            results = self.learner_group.update(timesteps={NUM_ENV_STEPS_SAMPLED_LIFETIME: self.env_steps}, **given)
         self._learnt(results)
         self.updates += count
 

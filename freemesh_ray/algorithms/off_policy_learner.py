@@ -1,4 +1,8 @@
-"""k gradient steps on k minibatches in one call, each with its gradients written out."""
+"""k gradient steps on k minibatches in one call, each with its gradients written out.
+
+Several learners do what one would do with the whole minibatches: each has its share of the rows of every one, and
+descends along the mean of all learners' gradients.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +14,24 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.core.columns import Columns
 
 from freemesh_ray.algorithms.adam import LeanAdam
+from freemesh_ray.algorithms.averaging import averaged, begin_alike
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 
 
 class OffPolicyLearner(ConfiguredLearner):
     """Updates a module from batches of k x ``train_batch_size_per_learner`` transitions.
 
-    A subclass says what is optimised (``optimised``) and what a step is (``_step``).
+    A subclass says what is optimised (``optimised``), how much noise a step needs (``draws``) and what a step is
+    (``_step``).
     """
 
     @abstractmethod
     def optimised(self, module: Any, config: Any) -> dict[str, tuple[list[torch.Tensor], float]]:
         """Parameters and learning rate of each optimizer, by its name."""
+
+    @abstractmethod
+    def draws(self, config: Any) -> int:
+        """Standard normal numbers that a step needs for each component of each row's action."""
 
     @abstractmethod
     def _step(
@@ -33,8 +43,18 @@ class OffPolicyLearner(ConfiguredLearner):
         rewards: torch.Tensor,
         next_obs: torch.Tensor,
         terminated: torch.Tensor,
+        noise: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
-        """One gradient step on one minibatch; figures by name, losses ending in ``_loss``."""
+        """One gradient step on one minibatch; figures by name, losses ending in ``_loss``.
+
+        Everything is on the learner's device and nothing is read from there, which would wait for what is queued on it.
+
+        Args:
+            module_id: which module.
+            config: its settings.
+            obs, actions, rewards, next_obs, terminated: as in ``Transitions``.
+            noise: (draws, rows, action size) standard normal.
+        """
 
     def configure_optimizers_for_module(self, module_id: str, config: AlgorithmConfig | None = None) -> None:
         """One fused Adam for each of ``optimised``."""
@@ -50,7 +70,14 @@ class OffPolicyLearner(ConfiguredLearner):
     def build(self) -> None:
         """Build module, optimizers and the source of the steps' noise."""
         super().build()
+        # Every learner draws the noise of the whole minibatch and takes that of its rows. On the CPU whatever the
+        # learner's device: so a state can be taken over by a learner of another device, and by another number of them.
         self._noise = torch.Generator().manual_seed(self.config.seed or 0)
+
+    def _make_modules_ddp_if_necessary(self) -> None:
+        # Not RLlib's wrapper, which averages the gradients of automatic differentiation: see _descend.
+        if self.distributed:
+            begin_alike(tensor for module in self._module.values() for tensor in module.state_dict().values())
 
     def compute_loss_for_module(self, **kwargs: Any) -> Any:
         """Not how this learner works: ``_update`` takes each loss's gradient on its own."""
@@ -76,16 +103,28 @@ class OffPolicyLearner(ConfiguredLearner):
                 rows[key].split(size)
                 for key in (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS, Columns.TERMINATEDS)
             ]
+            columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))
             figures: dict[str, torch.Tensor] = {}
             for minibatch in zip(*columns, strict=True):
                 figures |= self._step(module_id, config, *minibatch)
             # Those of the last minibatch: reducing every one's would cost as much as an optimizer.
-            values = {name: float(figure.mean()) for name, figure in figures.items()}
+            means = torch.stack([figure.mean() for figure in figures.values()]).tolist()
+            values = dict(zip(figures, means, strict=True))
             self.metrics.log_dict(values, key=module_id, window=1)
             losses[module_id] = torch.tensor(sum(values[name] for name in values if name.endswith("_loss")))
         return {}, losses, {}
 
-    def _descend(self, module_id: str, name: str, parameters: list[Any], gradients: Any) -> None:
+    def _drawn(self, count: int, shape: tuple[int, int, int]) -> torch.Tensor:
+        """Standard normal noise for ``count`` minibatches, of which this learner has ``shape``, on its device."""
+        draws, rows, width = shape
+        learners = max(1, self.config.num_learners)
+        first = rows * self._learner_index if self.distributed else 0
+        whole = (torch.randn((draws, rows * learners, width), generator=self._noise) for _ in range(count))
+        return torch.stack([noise[:, first : first + rows] for noise in whole]).to(self._device)
+
+    def _descend(self, module_id: str, name: str, parameters: list[Any], gradients: list[torch.Tensor]) -> None:
+        if self.distributed:
+            gradients = averaged(gradients)
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient
         self._named_optimizers[f"{module_id}_{name}"].step()

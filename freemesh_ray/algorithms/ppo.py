@@ -70,7 +70,7 @@ class PPO(MeshAlgorithm, RLlibPPO):
 
     def training_step(self) -> None:
         """One round: episodes of all env runners, then the epochs on them."""
-        steps = math.ceil(self.config.train_batch_size_per_learner / max(1, self.config.num_env_runners))
+        steps = math.ceil(self.config.total_train_batch_size / max(1, self.config.num_env_runners))
         with self.metrics.log_time(("timers", "collect")):
             harvest = self._from_runners("rollout", steps=steps)
         episodes = [episode for part in harvest for episode in part.episodes]
@@ -86,7 +86,7 @@ class PPO(MeshAlgorithm, RLlibPPO):
                 shuffle_batch_per_epoch=self.config.shuffle_batch_per_epoch,
             )
         rows = sum(int(result[DEFAULT_POLICY_ID][NUM_MODULE_STEPS_TRAINED].peek()) for result in results)
-        self.updates += rows // self.config.minibatch_size
+        self.updates += rows // (self.config.minibatch_size * max(1, self.config.num_learners))
         self._learnt(results)
         self._publish()
 

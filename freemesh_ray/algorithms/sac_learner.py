@@ -25,6 +25,10 @@ class SACLearner(OffPolicyLearner):
             "alpha": ([module.log_alpha], config.alpha_lr),
         }
 
+    def draws(self, config: Any) -> int:
+        """For the action at each state and at its successor."""
+        return 2
+
     def _step(
         self,
         module_id: str,
@@ -34,11 +38,11 @@ class SACLearner(OffPolicyLearner):
         rewards: torch.Tensor,
         next_obs: torch.Tensor,
         terminated: torch.Tensor,
+        noise: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
         module: SACModule = self._module[module_id]
         critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
-        noise = torch.randn((2, *actions.shape), generator=self._noise)
-        alpha = float(module.log_alpha.exp())
+        alpha = module.log_alpha.exp()
         target_entropy = -float(actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
         size = len(obs)
 
@@ -73,7 +77,7 @@ class SACLearner(OffPolicyLearner):
             "critic_loss": 0.5 * residual.square().sum() / size,
             "actor_loss": alpha * log_pi.mean() - q_new.mean(),
             "alpha_loss": alpha_loss,
-            "alpha": torch.tensor(alpha),
+            "alpha": alpha,
             "q_mean": critic_trace[-1],
             "log_pi_mean": log_pi,
         }

@@ -39,7 +39,11 @@ def sample(outputs: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, to
 
 
 def backward(
-    outputs: torch.Tensor, noise: torch.Tensor, action: torch.Tensor, d_action: torch.Tensor, d_log_pi: float
+    outputs: torch.Tensor,
+    noise: torch.Tensor,
+    action: torch.Tensor,
+    d_action: torch.Tensor,
+    d_log_pi: float | torch.Tensor,
 ) -> torch.Tensor:
     """Gradient of the network's output, (batch, 2 d), through ``sample``.
 
@@ -51,7 +55,7 @@ def backward(
         noise: as given to ``sample``.
         action: as ``sample`` returned it.
         d_action: gradient of the loss by the action, (batch, d).
-        d_log_pi: gradient of the loss by each row's log density, the same for all rows.
+        d_log_pi: gradient of the loss by each row's log density, the same for all rows; a number or (1,).
     """
     log_std = outputs.chunk(2, dim=-1)[1]
     d_u = d_action * (1.0 - action.square()) + 2.0 * d_log_pi * action

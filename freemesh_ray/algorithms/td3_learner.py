@@ -29,6 +29,10 @@ class TD3Learner(OffPolicyLearner):
             "actor": (list(module.actor.parameters()), config.actor_lr),
         }
 
+    def draws(self, config: Any) -> int:
+        """For the target's action, if that is smoothed."""
+        return int(config.target_noise > 0)
+
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """The learner's state with its count of steps, which the delay depends on."""
         return super().get_state(*args, **kwargs) | {"steps": self._steps}
@@ -47,6 +51,7 @@ class TD3Learner(OffPolicyLearner):
         rewards: torch.Tensor,
         next_obs: torch.Tensor,
         terminated: torch.Tensor,
+        noise: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
         module: TD3Module = self._module[module_id]
         critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
@@ -55,9 +60,8 @@ class TD3Learner(OffPolicyLearner):
         # The squared Bellman residual of each critic against the smallest target at a smoothed target action
         next_actions = module.target_actor(next_obs).tanh()
         if config.target_noise:
-            noise = config.target_noise * torch.randn(actions.shape, generator=self._noise)
-            noise.clamp_(-config.target_noise_clip, config.target_noise_clip)
-            next_actions = (next_actions + noise).clamp_(-1.0, 1.0)
+            smoothing = (config.target_noise * noise[0]).clamp_(-config.target_noise_clip, config.target_noise_clip)
+            next_actions = (next_actions + smoothing).clamp_(-1.0, 1.0)
         next_q = module.target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
         target = rewards + config.gamma * (1.0 - terminated) * next_q
         critic_trace = module.critic.trace(torch.cat([obs, actions], dim=1))

@@ -44,6 +44,8 @@ SCHEMA: dict[str, Field] = {
     "learner.updates_per_step": Field(float, TINY, 100),
     "learner.hidden": Field(int, 1, 65536, many=True),
     "learner.warmup_steps": Field(int, 1, 10**9),
+    "learner.count": Field(int, 0, 64),
+    "learner.device": Field(str, words=("auto", "cpu", "cuda")),
     "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
     "sac.initial_alpha": Field(float, TINY, 1000),
     "td3.exploration_noise": Field(float, 0, 1),
@@ -93,5 +95,8 @@ AT_MOST: tuple[tuple[str, str], ...] = (
     ("learner.batch_size", "learner.buffer_size"),
     ("ppo.minibatch_size", "ppo.rollout_steps"),
 )
+
+#: Algorithm -> the key of what one update's transitions are, of which every learner has an equal share.
+SHARED: dict[str, str] = dict.fromkeys(("sac", "td3", "ddpg"), "learner.batch_size") | {"ppo": "ppo.minibatch_size"}
 
 SECTIONS = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))

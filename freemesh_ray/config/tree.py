@@ -16,7 +16,7 @@ from typing import Any
 from envs.types import MeshingParameters
 from freemesh_ray.config.field import ConfigError, check
 from freemesh_ray.config.layer import Entry, Layer, file_layer, set_layer
-from freemesh_ray.config.schema import AT_MOST, SCHEMA, SHORTHANDS
+from freemesh_ray.config.schema import AT_MOST, SCHEMA, SHARED, SHORTHANDS
 
 Scalar = str | int | float | bool | None
 
@@ -60,6 +60,11 @@ def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
             last = max(small, large, key=list(places).index)
             values = f"{small} = {settings[small]} is more than {large} = {settings[large]}"
             raise ConfigError(f"{places[last]}: {values}: lower it")
+    shared, learners = SHARED[settings["algorithm"]], settings["learner.count"]
+    if learners and settings[shared] % learners:
+        last = max(shared, "learner.count", "algorithm", key=list(places).index)
+        values = f"{shared} = {settings[shared]} cannot be shared out among learner.count = {learners}"
+        raise ConfigError(f"{places[last]}: {values}: use a multiple")
     return _nested({key: settings[key] for key in SCHEMA})
 
 

@@ -66,10 +66,14 @@ def run(options: argparse.Namespace) -> int:
 
     from freemesh_ray.local_ray import local_ray
 
-    with local_ray(study.settings_of_all()["runners"]["count"]):
+    settings = study.settings_of_all()
+    with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
         from freemesh_ray.algorithms.build import build
+        from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
         from freemesh_ray.report.report import write
         from freemesh_ray.study.running import run as run_study
+
+        gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())
 
         def report(folder: Path) -> list[Path]:
             return sorted(write(folder).parent.iterdir())

@@ -15,6 +15,7 @@ from typing import Any
 
 from ray import tune
 
+from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
 from freemesh_ray.config import flatten
 from freemesh_ray.policy import Policy
 from freemesh_ray.provenance import source
@@ -207,16 +208,24 @@ def tuned(
 
 
 def resources(plan: Plan, given: Mapping[str, Any]) -> tune.PlacementGroupFactory:
-    """What one trial takes: a core for its learner and one for each env runner."""
-    runners = plan.trial(given, "").config["runners"]["count"]
-    return tune.PlacementGroupFactory([{"CPU": 1.0}] * (1 + runners))
+    """What one trial takes: a core for the training, each env runner and each remote learner, and the learners' GPUs.
+
+    Raises:
+        ConfigError: the trial asks for more GPUs than there are.
+    """
+    config = plan.trial(given, "").config
+    learner, runner = config["learner"], {"CPU": 1.0}
+    learning = runner | ({"GPU": 1.0} if gpus_per_learner(learner["device"], learner["count"], cluster_gpus()) else {})
+    learners = [runner, *[learning] * learner["count"]] if learner["count"] else [learning]
+    return tune.PlacementGroupFactory([*learners, *[runner] * config["runners"]["count"]])
 
 
 def parallel(settings: Mapping[str, Any]) -> int:
     """How many trials this machine, or cluster, runs side by side."""
     import ray
 
-    return max(1, int(ray.cluster_resources().get("CPU", 1)) // (1 + settings["runners"]["count"]))
+    processes = 1 + settings["runners"]["count"] + settings["learner"]["count"]
+    return max(1, int(ray.cluster_resources().get("CPU", 1)) // processes)
 
 
 def champion(folder: StudyFolder, entries: list[Entry], metric: str) -> tuple[Entry | None, float]:
