@@ -51,9 +51,6 @@ class Fake:
     def critic_weights(self) -> list[tuple[Any, Any]]:
         return [(np.zeros((2, 18, 1), dtype=np.float32), np.zeros((2, 1), dtype=np.float32))]
 
-    def stop(self) -> None:
-        pass
-
     def evaluate(self) -> dict[str, Any]:
         policy = Policy(self.actor_weights(), MeshingParameters())
         return {
