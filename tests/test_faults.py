@@ -131,6 +131,12 @@ def poison(algorithm: Any) -> None:
     algorithm.learner_group.foreach_learner(spoil)
 
 
+def kill_learner(algorithm: Any) -> None:
+    """SIGKILL to the learner's process."""
+    (pid,) = (result.get() for result in algorithm.learner_group.foreach_learner(lambda learner: os.getpid()))
+    os.kill(pid, signal.SIGKILL)
+
+
 def test_an_env_runner_that_is_killed_is_replaced_and_the_others_go_on(ray: None, tmp_path: Path) -> None:
     patient = Patient(tmp_path, kill, sets=("budget.env_steps=60000",))
     pids: set[int] = set()
@@ -201,6 +207,14 @@ def test_a_loss_that_is_no_number_goes_back_to_the_last_checkpoint(ray: None, tm
         weights = checkpoint.read(path)[0]["learner_group"]["learner"]["rl_module"]["default_policy"]
         assert all(np.isfinite(weight).all() for weight in weights.values())
     assert trained.progress.env_steps >= 6000
+
+
+def test_a_learner_that_is_killed_is_made_anew_from_the_last_checkpoint(ray: None, tmp_path: Path) -> None:
+    patient = Patient(tmp_path, kill_learner, sets=("learner.count=1", "runners.count=0"))
+    trained = patient.train()
+    assert patient.noted("going back to step_00000")
+    assert trained.progress.env_steps >= 6000
+    assert "Traceback" in (patient.folder / "failures.log").read_text()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
