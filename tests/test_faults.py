@@ -1,7 +1,7 @@
 """Faults done to real trainings, one at a time: a process killed, an environment that raises or hangs, a full disk, a
 loss that is no number. Each training comes to its end, or ends in one line, and nothing that was checkpointed is lost.
 
-docs/faults.md is the table of these tests.
+docs/faults.md is the table of these tests; with ``pytest -rP`` they print its seconds and steps.
 """
 
 from __future__ import annotations
@@ -53,6 +53,9 @@ class Patient:
         self.harm, self.at, self.healthy = harm, at, True
         self.notes: list[str] = []
         self.statuses: list[Status] = []
+        #: When the harm was done and seen to be over, and the env steps taken by then and when training went on.
+        self.clock: list[float] = []
+        self.steps: list[int] = []
 
     def make(self, settings: Any) -> Any:
         """The algorithm, whose next iteration at ``at`` steps begins with the harm."""
@@ -62,15 +65,27 @@ class Patient:
         def harmed() -> dict[str, Any]:
             if self.healthy and algorithm.env_steps >= self.at:
                 self.healthy = False
+                self.clock.append(time.monotonic())
+                self.steps.append(algorithm.env_steps)
                 self.harm(algorithm)
-            return iterate()
+            before = algorithm.env_steps
+            results = iterate()
+            if len(self.clock) == 1:
+                self.clock.append(time.monotonic())
+                self.steps.append(before)
+            return results
 
         algorithm.train = harmed
         return algorithm
 
     def train(self, **options: Any) -> Trained:
         """To the end."""
-        return train(self.settings, make=self.make, note=self.notes.append, report=self.statuses.append, **options)
+        try:
+            return train(self.settings, make=self.make, note=self.notes.append, report=self.statuses.append, **options)
+        finally:
+            if len(self.clock) == 2:
+                seconds, lost = self.clock[1] - self.clock[0], self.steps[0] - self.steps[1]
+                print(f"{seconds:.1f} s until an iteration was over again, {lost} env steps lost")
 
     def noted(self, text: str) -> bool:
         """Whether a line of the output has the text."""
@@ -147,7 +162,10 @@ def test_an_env_runner_that_is_killed_is_replaced_and_the_others_go_on(ray: None
             lambda runner: os.getpid(), local_env_runner=False, timeout_seconds=5
         )
         pids.update(found)
-        return len(pids) == 3 and len(found) == 2
+        if len(pids) == 3 and len(found) == 2:
+            print(f"{time.monotonic() - patient.clock[0]:.1f} s until there were two env runners again")
+            return True
+        return False
 
     make = patient.make
 

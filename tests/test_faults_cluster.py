@@ -1,6 +1,7 @@
 """Faults done to a training on a real cluster: its driver, a worker node and the head killed, its job stopped.
 
-The training is submitted as a job and never ends by itself. docs/faults.md is the table of these tests.
+The training is submitted as a job and never ends by itself. docs/faults.md is the table of these tests; with
+``pytest -rP`` they print its seconds and steps.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import os
 import re
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -88,6 +90,7 @@ def test_a_worker_node_that_dies_costs_its_env_runners_until_they_are_elsewhere(
     assert sum(map(len, runners.values())) == 2
     doomed = next(iter(runners))
     cluster.kill_worker(int(doomed.removeprefix("worker-")))
+    began = time.monotonic()
     until(lambda: "its process died" in cluster.logs(training.job), 120, training.log)
     at = training.steps()
     training.until_beyond(at)
@@ -97,6 +100,7 @@ def test_a_worker_node_that_dies_costs_its_env_runners_until_they_are_elsewhere(
         return doomed not in now and sum(map(len, now.values())) == 2
 
     until(replaced, 180, training.log)
+    print(f"{time.monotonic() - began:.0f} s until both env runners are on the other node")
     training.until_beyond(training.steps())
     assert "going back" not in cluster.logs(training.job)
     training.stop()
@@ -113,9 +117,11 @@ def test_a_driver_that_is_killed_is_a_failed_job_and_the_same_line_goes_on(train
         if command(place)[1:3] == [b"-m", b"freemesh_ray"] and str(training.home).encode() in environ(place)
     )
     os.kill(driver, signal.SIGKILL)
+    began = time.monotonic()
     assert cluster.finish(training.job) == "FAILED"
     training.submit()
     assert training.goes_on_from() >= at
+    print(f"{time.monotonic() - began:.0f} s until the job, submitted again at once, goes on")
     training.until_beyond(training.steps())
     training.stop()
 
@@ -125,11 +131,14 @@ def test_a_head_that_dies_takes_the_job_along_and_the_same_line_goes_on(training
     training.submit()
     at = training.until_beyond(0)
     cluster.kill_head()
+    began = time.monotonic()
     assert cluster.nodes() == {}
     cluster.start_head()
     until(lambda: len(cluster.nodes()) == 3, 120, cluster.trouble)
+    print(f"{time.monotonic() - began:.0f} s until the cluster is whole again")
     training.submit()
     assert training.goes_on_from() >= at
+    print(f"{time.monotonic() - began:.0f} s until the job, submitted again at once, goes on")
     training.until_beyond(training.steps())
     training.stop()
 
