@@ -18,6 +18,7 @@ import yaml
 from cluster import OVER, Cluster, until
 from processes import ROOT, Server, mlflow_server
 
+from envs.kernels.compiled import _cache_folder
 from freemesh_ray.provenance import COMMIT, provenance
 from freemesh_ray.studies import StudyFolder
 
@@ -31,7 +32,8 @@ STUDY = {
     "study": {"title": "Two", "seeds": [1, 2], "variants": {"small": None}},
     "settings": {
         "curriculum.stages": ["T1"], "runners.count": 0, "budget": {"env_steps": 600, "minutes": None},
-        "evaluation": {"interval": 300, "episodes": 1}, "learner": {"warmup_steps": 300, "updates_per_step": 0.05},
+        "evaluation": {"interval": 300, "episodes": 1},
+        "learner": {"warmup_steps": 300, "updates_per_step": 0.05, "batch_size": 32, "buffer_size": 1000},
     },
 }  # fmt: skip
 
@@ -46,13 +48,14 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def user(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The home of who runs the cluster, with the kernels' machine code as after a first job."""
+    """The home of who runs the cluster; its jobs share the kernels' machine code with the tests."""
     home = tmp_path_factory.mktemp("user")
     cache = home / ".cache" / "freemesh"
     cache.mkdir(parents=True)
     for package in ("envs", "freemesh_ray"):
-        for kernels in (ROOT / package / "__pycache__").glob("kernels-*"):
-            (cache / kernels.name).symlink_to(kernels)
+        kernels = Path(_cache_folder(ROOT / package))
+        kernels.mkdir(parents=True, exist_ok=True)
+        (cache / kernels.name).symlink_to(kernels)
     return home
 
 

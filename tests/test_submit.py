@@ -14,7 +14,7 @@ import yaml
 from processes import ROOT, free_port
 
 from freemesh_ray import cli, provenance
-from freemesh_ray.jobs import server
+from freemesh_ray.jobs import command, server
 from freemesh_ray.jobs.line import RUNTIME_ENV, runtime_env, submission
 
 #: Bytes of a job's code, packed.
@@ -142,6 +142,26 @@ def test_a_cluster_that_is_not_there_is_one_line(capsys: pytest.CaptureFixture[s
     assert out.startswith("ray job submit")
     assert err.startswith(f"freemesh: {url}: cannot be reached")
     assert err.count("\n") == 1
+
+
+def test_who_stops_following_is_told_how_to_stop_the_job(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ran: list[list[str]] = []
+
+    def follow(line: list[str]) -> None:
+        ran.append(line)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(server, "ask", lambda url: None)
+    monkeypatch.setattr(command, "follow", follow)
+    assert cli.main(["submit", "--address", "http://head:8265", "--", "train"]) == cli.INTERRUPTED
+    out, err = capsys.readouterr()
+    assert ran == [shlex.split(out)], "what is run is what is printed"
+    job = value(ran[0], "--submission-id")
+    assert job.startswith("train-main-")
+    assert f"the job goes on: `ray job logs --address http://head:8265 {job} --follow`" in err
+    assert f"`ray job stop --address http://head:8265 {job}` ends it" in err
 
 
 def test_address_and_token_are_found_where_ray_finds_them(tmp_path: Path) -> None:

@@ -79,11 +79,16 @@ def run(options: argparse.Namespace, parse: Callable[[Sequence[str]], argparse.N
         return 0
     server.ask(url)
     try:
-        return subprocess.run([str(Path(sys.executable).with_name("ray")), *line[1:]]).returncode
+        return follow(line)
     except KeyboardInterrupt:
         at = f"--address {url} {job}"
         print(f"\nthe job goes on: `ray job logs {at} --follow`; `ray job stop {at}` ends it", file=sys.stderr)
         return INTERRUPTED
+
+
+def follow(line: Sequence[str]) -> int:
+    """Run a line of ``ray``, the one beside this Python; its exit code."""
+    return subprocess.run([str(Path(sys.executable).with_name("ray")), *line[1:]]).returncode
 
 
 def checked(command: Sequence[str], parse: Callable[[Sequence[str]], argparse.Namespace]) -> str:
