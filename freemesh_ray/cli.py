@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from freemesh_ray.compare import command as compare_command
+from freemesh_ray.jobs import command as jobs_command
 from freemesh_ray.paper_tables import command as paper_command
 from freemesh_ray.report import command as report_command
 from freemesh_ray.study import command as study_command
@@ -32,6 +33,7 @@ until nothing is left. All quads, the boundary kept exactly.
 
   freemesh train --config train_default.yaml      train over the curriculum T1 -> T2 -> T3
   freemesh study algorithms                       many trainings, compared as the paper does
+  freemesh submit -- study algorithms             either as a job on a Ray cluster
   freemesh mesh part.geojson -o part.inp          mesh a polygon
   freemesh domains                                what is there to mesh
   freemesh compare D7 D8 D9                       our meshes beside those of other meshers
@@ -148,6 +150,7 @@ def parser() -> argparse.ArgumentParser:
     )
 
     study_command.grammar(commands)
+    jobs_command.grammar(commands, whole)
     compare_command.grammar(commands)
     paper_command.grammar(commands, whole)
     report_command.grammar(commands, whole)
@@ -254,6 +257,11 @@ class StopSignal:
         return self._given
 
 
+def submit(options: argparse.Namespace) -> int:
+    """``freemesh submit``."""
+    return jobs_command.run(options, parser().parse_args)
+
+
 def mesh(options: argparse.Namespace) -> int:
     """``freemesh mesh``."""
     from envs.domain import load_all
@@ -336,6 +344,6 @@ def sync(options: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "train": train, "study": study_command.run, "report": report_command.run, "mesh": mesh, "domains": domains,
-    "compare": compare_command.run, "paper": paper_command.run, "bench": bench, "sync": sync,
+    "train": train, "study": study_command.run, "submit": submit, "report": report_command.run, "mesh": mesh,
+    "domains": domains, "compare": compare_command.run, "paper": paper_command.run, "bench": bench, "sync": sync,
 }  # fmt: skip

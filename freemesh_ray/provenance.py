@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import platform
 import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+COMMIT = "mlflow.source.git.commit"
+#: The variable that says the commit where the source is a copy without its history, as in a job on a cluster.
+GIVEN = "FREEMESH_COMMIT"
 PACKAGES = ("ray", "torch", "gymnasium", "numpy", "numba", "mlflow")
 
 
 def provenance() -> dict[str, str]:
-    """Tags that say what ran: the source's git commit (``-dirty`` when changed) and the installed versions."""
+    """Tags that say what ran: the source's git commit (``-dirty`` when changed) and the installed versions.
+
+    Outside a repository the commit is what FREEMESH_COMMIT says.
+    """
     tags = {"version.python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -21,7 +28,9 @@ def provenance() -> dict[str, str]:
             continue
     if commit := _commit():
         changed = _git("status", "--porcelain", "--untracked-files=no")
-        tags["mlflow.source.git.commit"] = f"{commit}-dirty" if changed else commit
+        tags[COMMIT] = f"{commit}-dirty" if changed else commit
+    elif given := os.environ.get(GIVEN):
+        tags[COMMIT] = given
     return tags
 
 

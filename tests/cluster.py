@@ -162,6 +162,10 @@ class Cluster:
         found = self._get(f"/api/jobs/{job}/logs")
         return found["logs"] if found else ""
 
+    def jobs(self) -> list[str]:
+        """The ids of all jobs so far."""
+        return [job["submission_id"] for job in self._get("/api/jobs/") or []]
+
     def stop(self, job: str) -> None:
         """Ask a job to stop: its process gets SIGTERM."""
         self._request(f"/api/jobs/{job}/stop", {})

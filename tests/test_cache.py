@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +125,17 @@ def test_a_new_kernel_file_is_a_new_folder(copy: Path) -> None:
     before = folder_of(copy)
     (copy / "more.py").write_text("from envs.kernels.compiled import compiled\n", encoding="utf-8")
     assert folder_of(copy) != before
+
+
+def test_a_copy_elsewhere_finds_the_machine_code(copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Compiled from one place, the kernel is loaded, not compiled, from another."""
+    script = "from envs.kernels.geometry import angle; angle(1.0, 0.0, 0.0, 1.0); print(len(angle.stats.cache_hits))"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    hits = []
+    for parent in (copy.parent, PACKAGE.parent):
+        run = [sys.executable, "-c", script]
+        hits.append(subprocess.check_output(run, cwd=parent, env={**os.environ, "PYTHONPATH": ""}, text=True).strip())
+    assert hits == ["0", "1"]
 
 
 def test_the_same_code_elsewhere_has_the_same_name(copy: Path) -> None:

@@ -6,6 +6,9 @@ Numba's disk cache looks only at the file of the function it compiles, so a call
 changed in another file. Kernels call each other across files here, and kernels of other packages call those of this
 one; each package's cache is therefore a folder named after a digest of every file with a kernel in it, its own and
 this package's, and can never be stale. Constants that kernels use belong into files with kernels, or into ``types.py``.
+
+``NUMBA_CACHE_DIR`` is another home for these folders. What they hold does not depend on where the source lies, so that
+copies of it, as every job on a cluster has one, share the machine code.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba import njit
+from numba.core.caching import UserProvidedCacheLocator
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -42,6 +46,8 @@ def _cache_folder(package: Path = BASE) -> str:
     for folder in dict.fromkeys((BASE, package)):
         for text in _kernel_texts(folder):
             digest.update(text)
+    if elsewhere := os.environ.get("NUMBA_CACHE_DIR"):
+        return str(Path(elsewhere) / f"kernels-{digest.hexdigest()[:16]}")
     home = package / "__pycache__"
     try:
         home.mkdir(exist_ok=True)
@@ -52,6 +58,14 @@ def _cache_folder(package: Path = BASE) -> str:
     return str(root / f"kernels-{digest.hexdigest()[:16]}")
 
 
+class ByModule(UserProvidedCacheLocator):
+    """Within the cache's folder, a folder named after the function's package; Numba's own is named after its path."""
+
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        super().__init__(py_func, py_file)
+        self._cache_path = os.path.join(numba.config.CACHE_DIR, py_func.__module__.rpartition(".")[0])
+
+
 def _package_of(function: Callable[..., Any]) -> Path:
     """The folder of the top-level package that a function is defined in."""
     source = Path(inspect.getfile(function)).resolve()
@@ -59,13 +73,14 @@ def _package_of(function: Callable[..., Any]) -> Path:
 
 
 def _compile(function: F, **options: Any) -> F:
-    # The folder is read while decorating; other users of numba in this process keep their own.
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = os.environ.get("NUMBA_CACHE_DIR") or _cache_folder(_package_of(function))
+    # They are read while decorating; other users of numba in this process keep their own.
+    before = numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES
+    numba.config.CACHE_DIR = _cache_folder(_package_of(function))
+    numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{ByModule.__name__}"
     try:
         return cast(F, njit(cache=True, error_model="numpy", nogil=True, **options)(function))
     finally:
-        numba.config.CACHE_DIR = before
+        numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES = before
 
 
 def compiled(function: F) -> F:

@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
         print(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()], left=(0, 2)))
         return 0
     study = load(options.study, options.set, smoke=options.smoke)
-    _check(study)
+    check(study)
     if options.dry_run:
         print(_trials(study))
         return 0
@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check(study: Study) -> None:
+def check(study: Study) -> None:
     """Refuse domains that cannot be trained on or meshed, before anything is started.
 
     Raises:
