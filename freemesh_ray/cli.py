@@ -208,6 +208,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def train(options: argparse.Namespace) -> int:
     """``freemesh train``."""
     from freemesh_ray import config
+    from freemesh_ray.algorithms.device import check
     from freemesh_ray.console import Progress, train_table
     from freemesh_ray.local_ray import local_ray
     from freemesh_ray.places import Places
@@ -215,13 +216,12 @@ def train(options: argparse.Namespace) -> int:
     from freemesh_ray.train import train as run
 
     settings = Places.here().settled(config.load(options.config, options.set))
+    check(settings["learner"])
     prepare(settings, options.resume)
     progress = Progress(sys.stdout)
     with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
         from freemesh_ray.algorithms.build import build
-        from freemesh_ray.algorithms.device import check
 
-        check(settings["learner"])
         stop = StopSignal()
         trained = run(
             settings,

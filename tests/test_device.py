@@ -6,19 +6,23 @@ What needs a GPU is skipped where there is none; that nothing is made on the CPU
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import ray
 import torch
 from learners import ACT, BATCH, OBS, batch, learner, module, update
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
+from freemesh_ray import cli
 from freemesh_ray.algorithms import device
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.off_policy import OffPolicyConfig
 from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
 from freemesh_ray.algorithms.sac import SACConfig
 from freemesh_ray.algorithms.td3 import TD3Config
+from freemesh_ray.bench import gpu
 from freemesh_ray.config import ConfigError
 from freemesh_ray.study import running
 
@@ -126,7 +130,7 @@ def test_a_state_goes_on_on_any_device(before: str, after: str, make_config: typ
 
 
 def test_a_cluster_s_gpus_count_only_for_a_torch_that_can_use_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device, "ray", SimpleNamespace(cluster_resources=lambda: {"CPU": 8.0, "GPU": 2.0}))
+    monkeypatch.setattr(ray, "cluster_resources", lambda: {"CPU": 8.0, "GPU": 2.0})
     for built, gpus in ((True, 2), (False, 0)):
         monkeypatch.setattr(torch.backends.cuda, "is_built", lambda built=built: built)
         assert device.gpus_here(2) == gpus
@@ -149,3 +153,31 @@ def test_a_trial_of_a_study_takes_what_its_processes_need(
     plan = SimpleNamespace(trial=lambda given, trial_id: SimpleNamespace(config=config))
     taken = running.resources(plan, {}).bundles
     assert [(bundle["CPU"], bundle.get("GPU", 0)) for bundle in taken] == bundles
+
+
+def test_a_training_that_wants_a_missing_gpu_begins_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 0)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["train", "--set", "learner.device=cuda"]) == cli.BAD_INPUT
+    assert (
+        capsys.readouterr().err == "freemesh: learner.device: cuda needs 1 GPU(s), and there are 0: use auto or cpu\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_speeds_are_measured_on_the_devices_that_there_are(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(gpu, "BATCHES", (8, 32))
+    monkeypatch.setattr(gpu, "CALLS", (1, 4))
+    monkeypatch.setattr(gpu, "MOST_ROWS", 64)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    gpu.bench_gpu(0.0)
+    title, header, *rows, last = capsys.readouterr().out.splitlines()
+    assert "updates a second" in title
+    assert header.split()[-1] == "cpu"
+    assert [row.split()[:2] for row in rows] == [["8", "1"], ["8", "4"], ["32", "1"]]
+    assert all(float(row.split()[2].replace(",", "")) > 0 for row in rows)
+    assert last == "no CUDA device here: nothing was measured on one"

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import ray
 import torch
 
 from freemesh_ray.config import ConfigError
 
 
 def check(learner: Mapping[str, Any]) -> None:
-    """That a configuration's ``learner`` section asks for no GPU that there is not.
+    """Before Ray is up: that a learner in this process is asked for no GPU that there is not.
+
+    Args:
+        learner: a configuration's section.
 
     Raises:
-        ConfigError: it does.
+        ConfigError: it is.
     """
-    gpus_per_learner(learner["device"], learner["count"], gpus_here(learner["count"]))
+    if learner["count"] == 0:
+        gpus_per_learner(learner["device"], 0, gpus_here(0))
 
 
 def gpus_here(learners: int) -> int:
@@ -27,6 +30,8 @@ def gpus_here(learners: int) -> int:
 
 def cluster_gpus() -> int:
     """GPUs that Ray has to give, in use or not; none if torch is a build that cannot use them."""
+    import ray  # not before `local_ray` has set what Ray reads when it is imported
+
     return int(ray.cluster_resources().get("GPU", 0)) if torch.backends.cuda.is_built() else 0
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from freemesh_ray.bench.cost import Costs
 from freemesh_ray.bench.gpu import experience
 from freemesh_ray.bench.trainings import BATCH_SIZE, ENVS, algorithm
-from freemesh_ray.local_ray import local_ray
 
 #: Two sizes of each thing whose cost is a constant and a slope.
 ENVIRONMENTS = (16, 128)
@@ -141,16 +140,15 @@ def publishing(algo: Any, seconds: float) -> tuple[float, float, int]:
 
 
 def measure(seconds: float) -> Costs:
-    """All parts, each for about so many seconds a size."""
-    with local_ray(RUNNERS):
-        step_call, step_env = sampling(seconds)
-        add_row, draw_row = replay(seconds)
-        update_call, update_row = update(seconds)
-        reduce = reduction(seconds)
-        algo = algorithm(RUNNERS)
-        latency, call, byte = transport(algo, seconds)
-        publish_once, publish_runner, weights = publishing(algo, seconds)
-        algo.stop()
+    """All parts, each for about so many seconds a size; Ray is up, with room for ``RUNNERS`` processes."""
+    step_call, step_env = sampling(seconds)
+    add_row, draw_row = replay(seconds)
+    update_call, update_row = update(seconds)
+    reduce = reduction(seconds)
+    algo = algorithm(RUNNERS)
+    latency, call, byte = transport(algo, seconds)
+    publish_once, publish_runner, weights = publishing(algo, seconds)
+    algo.stop()
     return Costs(
         step_call, step_env, latency, call, byte, add_row, draw_row, update_call, update_row, reduce,
         publish_once, publish_runner, transition_bytes(), weights,

@@ -82,42 +82,37 @@ class Reached:
 
 
 def progress(line: str) -> None:
-    """Tell that something was measured."""
+    """Tell what is being measured."""
     print(f"{time.strftime('%H:%M:%S')}  {line}", file=sys.stderr, flush=True)
 
 
 def rounds(runners: int, learners: int, seconds: float) -> Measured:
     """Train for so long, once updates have begun."""
-    with local_ray(runners + learners):
-        algo = algorithm(runners, learners=learners)
-        while not algo.updates:
-            algo.training_step()
-        for _ in range(3):  # new processes are slow at first
-            algo.training_step()
-        steps, updates, began = algo.env_steps, algo.updates, time.perf_counter()
-        while time.perf_counter() - began < seconds:
-            algo.training_step()
-        took = time.perf_counter() - began
-        measured = Measured(runners, learners, (algo.env_steps - steps) / took, (algo.updates - updates) / took)
-        algo.stop()
-    return measured
+    algo = algorithm(runners, learners=learners)
+    while not algo.updates:
+        algo.training_step()
+    for _ in range(3):  # new processes are slow at first
+        algo.training_step()
+    steps, updates, began = algo.env_steps, algo.updates, time.perf_counter()
+    while time.perf_counter() - began < seconds:
+        algo.training_step()
+    took = time.perf_counter() - began
+    algo.stop()
+    return Measured(runners, learners, (algo.env_steps - steps) / took, (algo.updates - updates) / took)
 
 
 def time_to_return(runners: int, wanted: float) -> Reached:
     """Train until the mean return of the last ``EPISODES`` training episodes is ``wanted``."""
-    with local_ray(runners):
-        algo, recent = algorithm(runners, seed=SEED), deque[float](maxlen=EPISODES)
-        began = time.perf_counter()
-        reached = False
-        while not reached and time.perf_counter() - began < PATIENCE:
-            algo.training_step()
-            recent.extend(episode.episode_return for episode in algo.finished)
-            algo.finished.clear()
-            reached = algo.updates > 0 and len(recent) == EPISODES and float(np.mean(recent)) >= wanted
-        took = time.perf_counter() - began
-        found = Reached(runners, took if reached else None, algo.env_steps, algo.updates)
-        algo.stop()
-    return found
+    algo, recent = algorithm(runners, seed=SEED), deque[float](maxlen=EPISODES)
+    reached, began = False, time.perf_counter()
+    while not reached and time.perf_counter() - began < PATIENCE:
+        algo.training_step()
+        recent.extend(episode.episode_return for episode in algo.finished)
+        algo.finished.clear()
+        reached = algo.updates > 0 and len(recent) == EPISODES and float(np.mean(recent)) >= wanted
+    took = time.perf_counter() - began
+    algo.stop()
+    return Reached(runners, took if reached else None, algo.env_steps, algo.updates)
 
 
 def bench_scaling(seconds: float, folder: Path) -> None:
@@ -129,18 +124,18 @@ def bench_scaling(seconds: float, folder: Path) -> None:
     files = {suffix: folder / f"scaling.{suffix}" for suffix in ("json", "md", "png")}
     for path in files.values():
         check_writable(path)
-    progress("the parts of a round")
-    costs = measure(seconds / 4)
-    measured = []
-    for learners in LEARNERS:
-        for runners in RUNNERS:
-            measured.append(rounds(runners, learners, seconds))
-            progress(f"{runners} runners, {learners} learners: {measured[-1].samples_per_second:,.0f} samples/s")
     wanted = RETURN if seconds > QUICK else QUICK_RETURN
-    reached = []
-    for runners in RUNNERS:
-        reached.append(time_to_return(runners, wanted))
-        progress(f"{runners} runners: {reached[-1].env_steps:,} steps to a return of {wanted:g}")
+    measured, reached = [], []
+    with local_ray(max(RUNNERS) + max(LEARNERS)):
+        progress("the parts of a round")
+        costs = measure(seconds / 4)
+        for learners in LEARNERS:
+            for runners in RUNNERS:
+                progress(f"training rounds with {runners} runners, {learners} learners")
+                measured.append(rounds(runners, learners, seconds))
+        for runners in RUNNERS:
+            progress(f"the time to a return of {wanted:g} with {runners} runners")
+            reached.append(time_to_return(runners, wanted))
     found = summary(costs, measured, reached, wanted, seconds)
     text = scaling_report.text(found)
     with replacing(files["json"]) as draft:
