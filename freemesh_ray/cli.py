@@ -13,6 +13,7 @@ from typing import NoReturn
 from freemesh_ray.compare import command as compare_command
 from freemesh_ray.paper_tables import command as paper_command
 from freemesh_ray.report import command as report_command
+from freemesh_ray.serving import command as serve_command
 from freemesh_ray.study import command as study_command
 
 # One thread a process: on few cores, processes that each start a thread a core slow each other down many times over.
@@ -37,6 +38,7 @@ until nothing is left. All quads, the boundary kept exactly.
   freemesh compare D7 D8 D9                       our meshes beside those of other meshers
   freemesh paper quality                          the paper's tables, measured anew
   freemesh report algorithms                      a study's figure and table, with intervals
+  freemesh serve                                  mesh over HTTP
   freemesh bench                                  how fast it is here
 """
 
@@ -151,6 +153,7 @@ def parser() -> argparse.ArgumentParser:
     compare_command.grammar(commands)
     paper_command.grammar(commands, whole)
     report_command.grammar(commands, whole)
+    serve_command.grammar(commands, whole, positive, seconds)
 
     bench = commands.add_parser(
         "bench", help="measure speeds on this machine", description="Measure environment, learner and sampling speed."
@@ -332,5 +335,6 @@ def sync(options: argparse.Namespace) -> int:
 
 COMMANDS = {
     "train": train, "study": study_command.run, "report": report_command.run, "mesh": mesh, "domains": domains,
-    "compare": compare_command.run, "paper": paper_command.run, "bench": bench, "sync": sync,
+    "compare": compare_command.run, "paper": paper_command.run, "serve": serve_command.run, "bench": bench,
+    "sync": sync,
 }  # fmt: skip
