@@ -1,4 +1,4 @@
-"""How fast it is here: environment, learner beside Stable-Baselines3, sampling with 0, 1 and 2 env runners."""
+"""How fast it is here: environment, learner beside Stable-Baselines3, sampling, mesher, serving."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from freemesh_ray import pendulum, plots
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.mesher import make
 from freemesh_ray.policy import Policy
+from freemesh_ray.serving import load as serving_load
 from freemesh_ray.table import table
 
 FRONTS = (50, 100, 200, 400, 800, 1600)
@@ -37,7 +38,14 @@ DISCS, CROSSES = (50, 100, 250, 500, 1000, 2000), (250, 500, 1000, 2000)
 
 
 def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy) -> None:
-    """Print the tables of the given parts; ``curves`` also writes into ``folder``, ``mesher`` is the policy's."""
+    """Print the tables of the given parts.
+
+    Args:
+        parts: their names.
+        seconds: of each measurement.
+        folder: where ``curves`` writes to.
+        policy: of ``mesher`` and ``serving``.
+    """
     measurements: dict[str, Callable[[], None]] = {
         "env": lambda: bench_env(seconds),
         "learner": lambda: bench_learner(seconds),
@@ -45,6 +53,7 @@ def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy) -
         "mesher": lambda: bench_mesher(policy),
         "curves": lambda: bench_curves(folder),
         "algorithms": bench_algorithms,
+        "serving": lambda: serving_load.bench({"given": policy}, seconds),
     }
     for part in parts:
         if part in ("learner", "curves", "algorithms") and find_spec("stable_baselines3") is None:

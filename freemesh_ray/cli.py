@@ -161,9 +161,9 @@ def parser() -> argparse.ArgumentParser:
     bench.add_argument(
         "--part",
         action="append",
-        choices=["env", "learner", "sampling", "mesher", "curves", "algorithms"],
+        choices=["env", "learner", "sampling", "mesher", "serving", "curves", "algorithms"],
         metavar="PART",
-        help="env, learner, sampling (default: these three), mesher, curves or algorithms (against "
+        help="env, learner, sampling (default: these three), mesher, serving, curves or algorithms (against "
         "Stable-Baselines3, long); repeatable",
     )
     bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: the shipped one)")

@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -26,6 +27,7 @@ import freemesh_ray
 from envs.mesh import Mesh
 from freemesh_ray import export
 from freemesh_ray.serving.formats import MEDIA
+from freemesh_ray.serving.limits import Limits
 
 TOKEN = "a secret"
 BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 5.0, 2
@@ -125,8 +127,9 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
         assert server.stop() == 0
         until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in processes))
         printed = server.log.read_text()
-        assert printed.count("\n") == 1, printed
-        assert printed.startswith(f"{server.url}  curl ")
+        assert printed.startswith(f"{server.url}  curl -H "), printed
+        assert "Traceback" not in printed
+        assert "shutdown" not in printed
 
 
 @pytest.mark.parametrize(
@@ -227,7 +230,7 @@ def test_bodies_that_cannot_be_meshed(client: Client, body: bytes, status: int, 
     ("method", "path", "status", "words"),
     [
         ("GET", "/mesh", 405, "use POST"),
-        ("DELETE", "/health", 405, "use GET"),
+        ("DELETE", "/health", 405, "use GET, HEAD"),
         ("POST", "/meshes", 404, "/mesh"),
         ("GET", "/mesh/", 404, "/mesh"),
         ("GET", "/%2e%2e/etc/passwd", 404, "/mesh"),
@@ -376,6 +379,35 @@ def test_only_this_machine_is_listened_to(client: Client) -> None:
     assert addresses
     outside = [address for address in addresses if not (getattr(address, "ipv4_mapped", None) or address).is_loopback]
     assert outside == []
+
+
+def test_more_uploads_than_there_is_room_for(client: Client) -> None:
+    at_once = Limits().at_once
+    with ExitStack() as open_ones:
+        for _ in range(at_once):
+            connection = open_ones.enter_context(socket.create_connection(("127.0.0.1", client.port)))
+            connection.sendall(request_lines("Content-Length: 1000") + b"{")
+        until(lambda: client.counts()["freemesh_in_flight"] == at_once)
+        status, body, headers = client.mesh(SHEET, edge_length=1)
+        assert (status, headers["Retry-After"]) == (503, "1")
+        assert "try again" in line_of(body)
+    until(lambda: client.counts()["freemesh_in_flight"] == 0)
+    assert client.mesh(SHEET, edge_length=1)[0] == 200
+
+
+def test_more_polygons_than_may_wait(client: Client) -> None:
+    body = json.dumps(SHEET).encode()
+    head = request_lines(f"Content-Length: {len(body)}").replace(b"/mesh", f"/mesh?{urlencode(ENDLESS)}".encode())
+    before = client.counts()["freemesh_rejected_total busy"]
+    with ExitStack() as open_ones:
+        for _ in range(Limits().at_once):
+            connection = open_ones.enter_context(socket.create_connection(("127.0.0.1", client.port)))
+            connection.sendall(head + body)
+        until(lambda: client.counts()["freemesh_rejected_total busy"] > before)
+        status, _, headers = client.mesh(SHEET, edge_length=1)
+        assert (status, headers["Retry-After"]) == (503, "1")
+    # Those that waited left with their clients.
+    until(lambda: client.mesh(SHEET, edge_length=1)[0] == 200)
 
 
 @pytest.mark.parametrize("killed", ["ServeReplica:freemesh:Mesher", "serving.worker"])

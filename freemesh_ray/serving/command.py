@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
             policies, limits, host=options.host, port=options.port, replicas=options.replicas,
             token=digest(token) if token else None,
         ):  # fmt: skip
-            _wait(options)
+            _wait(options, bool(token))
     except ServiceError as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -97,11 +97,12 @@ def _terminate(number: int, frame: object) -> None:
     raise Terminated
 
 
-def _wait(options: argparse.Namespace) -> None:
+def _wait(options: argparse.Namespace, guarded: bool) -> None:
     """Say where it is, and wait for a signal."""
     host = f"[{options.host}]" if ":" in options.host else options.host
     url = f"http://{host}:{options.port}"
-    print(f"{url}  curl --data-binary @part.geojson '{url}/mesh?edge_length=0.1'", flush=True)
+    header = f'-H "Authorization: Bearer ${TOKEN}" ' if guarded else ""
+    print(f"{url}  curl {header}--data-binary @part.geojson '{url}/mesh?edge_length=0.1'", flush=True)
     # Ray has a handler of its own, which would tell of a failure.
     signal.signal(signal.SIGTERM, _terminate)
     while True:

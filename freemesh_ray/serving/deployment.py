@@ -27,11 +27,17 @@ JOBS = 2
 #: Requests that the surface takes at a time, those for health and metrics included.
 REQUESTS = 1000
 
+#: Further ones that the proxy keeps for it.
+QUEUED = 100
+
 #: Meshers that a job may lose before its client hears of it.
 TRIES = 4
 
 #: How often Serve asks a replica whether it is well, and how long it waits for the answer, in seconds.
 ASKED_EVERY, ANSWERED_WITHIN = 1.0, 10.0
+
+#: How often a replica that is to stop looks whether it still has requests, in seconds.
+LOOKED_EVERY = 0.2
 
 #: How soon Serve looks again for a mesher with room, in seconds: first, and at most.
 SOON, AT_MOST = 0.005, 0.02
@@ -48,33 +54,34 @@ class Mesher:
             limits: see there.
             loopback: whether to listen on the loopback device alone.
         """
+        self._owner, self._thread = WorkerOwner(policies, limits), ThreadPoolExecutor(1)
+        self._lost: WorkerError | None = None
         if loopback:
             listen_on_loopback()
-        self._owner, self._thread = WorkerOwner(policies, limits), ThreadPoolExecutor(1)
         self._owner.start()
-        self._lost: WorkerError | None = None
 
     async def do(self, job: Job) -> Answer:
-        """The job's answer; a job whose client left is done all the same, or ended when its time is up."""
-        answer = await asyncio.get_running_loop().run_in_executor(self._thread, self._owner.do, job)
-        # When the worker was ended: not only when the next job comes.
-        self._thread.submit(self._ready)
-        return answer
+        """The job's answer; a job whose client left is done all the same, or ended when its time is up.
 
-    def _ready(self) -> None:
+        Raises:
+            WorkerError: there is no worker and none can be started; this mesher is then replaced.
+        """
+        return await asyncio.get_running_loop().run_in_executor(self._thread, self._done, job)
+
+    def _done(self, job: Job) -> Answer:
         try:
-            self._owner.start()
+            answer = self._owner.do(job)
+            # Where the worker was ended, the next job finds another one warm.
+            self._thread.submit(self._owner.start)
         except WorkerError as error:
             self._lost = error
+            raise
+        return answer
 
     async def check_health(self) -> None:
         """Serve replaces a mesher that has no worker and gets none."""
         if self._lost is not None:
             raise self._lost
-
-    async def pid(self) -> int | None:
-        """Of the worker process."""
-        return self._owner.pid
 
     def __del__(self) -> None:
         self._owner.stop()
@@ -117,7 +124,7 @@ class Surface:
                 for _ in range(TRIES):
                     try:
                         return await self._mesher.do.remote(job)
-                    except RayActorError:
+                    except (RayActorError, WorkerError):
                         self._counters.retried()
         except (BackPressureError, TimeoutError):
             raise Busy from None
@@ -150,14 +157,17 @@ def application(
         health_check_period_s=ASKED_EVERY,
         health_check_timeout_s=ANSWERED_WITHIN,
         graceful_shutdown_timeout_s=limits.seconds,
+        graceful_shutdown_wait_loop_s=LOOKED_EVERY,
         ray_actor_options={"num_cpus": 1},
         request_router_config=RequestRouterConfig(initial_backoff_s=SOON, max_backoff_s=AT_MOST),
     )
     front = serve.deployment(
         serve.ingress()(Surface),
         max_ongoing_requests=REQUESTS,
+        max_queued_requests=QUEUED,
         health_check_period_s=ASKED_EVERY,
         health_check_timeout_s=ANSWERED_WITHIN,
+        graceful_shutdown_wait_loop_s=LOOKED_EVERY,
         ray_actor_options={"num_cpus": 0},
     )
     return front.bind(meshers.bind(policies, limits, loopback), sorted(policies), limits, token, loopback)

@@ -26,8 +26,8 @@ from freemesh_ray.serving.parameters import Parameters
 #: What messages and files call the polygon.
 NAME = "polygon"
 
-#: Characters of a message: some quote what was given.
-LONGEST = 400
+#: Characters kept of a message's beginning and end: some quote what was given.
+HEAD, TAIL = 300, 100
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Refused(Exception):
 
 def refusal(status: int, line: str) -> Answer:
     """The answer with an error's line."""
-    short = line if len(line) <= LONGEST else f"{line[:LONGEST]}..."
+    short = line if len(line) <= HEAD + TAIL else f"{line[:HEAD]} ... {line[-TAIL:]}"
     return Answer(status, json.dumps({"error": short}).encode("ascii") + b"\n")
 
 

@@ -70,7 +70,9 @@ def serving(
     Raises:
         ServiceError: the place is taken, a cluster serves something already, or the meshers do not start.
     """
-    check_free(host, port)
+    own = not os.environ.get("RAY_ADDRESS")
+    if own:
+        check_free(host, port)
     os.environ.setdefault("RAY_SERVE_LOG_TO_STDERR", "0")
     with local_ray(replicas):
         from ray import serve
@@ -80,7 +82,6 @@ def serving(
 
         from freemesh_ray.serving.deployment import application
 
-        own = not os.environ.get("RAY_ADDRESS")
         if not own and serve.status().proxies:
             raise ServiceError("the cluster of RAY_ADDRESS serves something already: stop that, or use another one")
         quiet = LoggingConfig(log_level="ERROR", enable_access_log=False)
@@ -95,4 +96,7 @@ def serving(
                 raise ServiceError(f"the service did not start ({line}): Ray's logs say why") from error
             yield
         finally:
-            serve.shutdown()
+            # What is being meshed is finished. A Ray of our own takes Serve along when it ends.
+            serve.delete(NAME)
+            if not own:
+                serve.shutdown()

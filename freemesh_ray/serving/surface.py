@@ -233,7 +233,8 @@ async def _http_error(request: Request, error: Exception) -> Response:
     if error.status_code == HTTPStatus.NOT_FOUND:
         line = f"path: not known; there are {', '.join(PATHS)}"
     elif error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-        line = f"method {request.method}: not for this path; use {headers.get('Allow', 'another')}"
+        allowed = ", ".join(sorted(headers.get("Allow", "").split(", ")))
+        line = f"method {request.method}: not for this path; use {allowed}"
     return _error(error.status_code, line, headers)
 
 

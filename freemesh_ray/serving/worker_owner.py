@@ -37,11 +37,6 @@ class WorkerOwner:
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
 
-    @property
-    def pid(self) -> int | None:
-        """Of the worker; None when there is none."""
-        return self._process.pid if self._process else None
-
     def start(self) -> None:
         """Start a worker, if there is none, and wait until it is warm.
 
