@@ -425,10 +425,12 @@ def test_a_kill_under_load_costs_no_answer(client: Client, killed: str) -> None:
     try:
         until(lambda: len(answers) > 4)
         victim = named(pid, killed)[0]
+        orphans = family(victim)[1:]
         os.kill(victim, signal.SIGKILL)
         asked = len(answers)
         until(lambda: len(answers) > asked + 8)
         until(lambda: len(named(pid, killed)) == REPLICAS and victim not in named(pid, killed))
+        until(lambda: not any(Path(f"/proc/{orphan}").exists() for orphan in orphans))
     finally:
         enough.set()
         for thread in threads:
