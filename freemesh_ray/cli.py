@@ -14,6 +14,7 @@ from freemesh_ray.compare import command as compare_command
 from freemesh_ray.jobs import command as jobs_command
 from freemesh_ray.paper_tables import command as paper_command
 from freemesh_ray.report import command as report_command
+from freemesh_ray.serving import command as serve_command
 from freemesh_ray.study import command as study_command
 
 # One thread a process: on few cores, processes that each start a thread a core slow each other down many times over.
@@ -39,6 +40,7 @@ until nothing is left. All quads, the boundary kept exactly.
   freemesh compare D7 D8 D9                       our meshes beside those of other meshers
   freemesh paper quality                          the paper's tables, measured anew
   freemesh report algorithms                      a study's figure and table, with intervals
+  freemesh serve                                  mesh over HTTP
   freemesh bench                                  how fast it is here
 """
 
@@ -154,6 +156,7 @@ def parser() -> argparse.ArgumentParser:
     compare_command.grammar(commands)
     paper_command.grammar(commands, whole)
     report_command.grammar(commands, whole)
+    serve_command.grammar(commands, whole, positive, seconds)
 
     bench = commands.add_parser(
         "bench", help="measure speeds on this machine", description="Measure environment, learner and sampling speed."
@@ -161,10 +164,10 @@ def parser() -> argparse.ArgumentParser:
     bench.add_argument(
         "--part",
         action="append",
-        choices=["env", "learner", "sampling", "mesher", "curves", "algorithms", "gpu", "scaling"],
+        choices=["env", "learner", "sampling", "mesher", "serving", "curves", "algorithms", "gpu", "scaling"],
         metavar="PART",
-        help="env, learner, sampling (default: these three), mesher, gpu (batch sizes on CPU and CUDA), scaling (env "
-        "runners and learners, long), curves or algorithms (against Stable-Baselines3, long); repeatable",
+        help="env, learner, sampling (default: these three), mesher, serving, gpu (batch sizes on CPU and CUDA), "
+        "scaling (env runners and learners, long), curves or algorithms (against Stable-Baselines3, long); repeatable",
     )
     bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: the shipped one)")
     bench.add_argument("--seconds", type=seconds, default=5.0, help="of each measurement (5)")
@@ -345,5 +348,6 @@ def sync(options: argparse.Namespace) -> int:
 
 COMMANDS = {
     "train": train, "study": study_command.run, "submit": submit, "report": report_command.run, "mesh": mesh,
-    "domains": domains, "compare": compare_command.run, "paper": paper_command.run, "bench": bench, "sync": sync,
+    "domains": domains, "compare": compare_command.run, "paper": paper_command.run, "serve": serve_command.run,
+    "bench": bench, "sync": sync,
 }  # fmt: skip

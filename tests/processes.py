@@ -61,6 +61,18 @@ class Server:
         self.kill()
         raise RuntimeError(f"{' '.join(self._command)} does not answer:\n{self.log.read_text()}")
 
+    @property
+    def pid(self) -> int:
+        """Of the process that was started."""
+        assert self._process is not None
+        return self._process.pid
+
+    def stop(self, seconds: float = 120) -> int:
+        """Ask it to stop, as a scheduler would; its exit code."""
+        assert self._process is not None
+        self._process.terminate()
+        return self._process.wait(seconds)
+
     def kill(self) -> None:
         """Kill it and its children, as a power cut would."""
         if self._process:

@@ -15,11 +15,17 @@ from freemesh_ray.bench.meshing import bench_mesher
 from freemesh_ray.bench.sampling import bench_sampling
 from freemesh_ray.bench.scaling import bench_scaling
 from freemesh_ray.policy import Policy
+from freemesh_ray.serving.load import bench as bench_serving
 
 
 def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy) -> None:
-    """Print the tables of the given parts; ``curves`` and ``scaling`` also write into ``folder``, ``mesher`` is the
-    policy's.
+    """Print the tables of the given parts.
+
+    Args:
+        parts: their names.
+        seconds: of each measurement.
+        folder: where ``curves`` and ``scaling`` write to.
+        policy: of ``mesher`` and ``serving``.
     """
     measurements: dict[str, Callable[[], None]] = {
         "env": lambda: bench_env(seconds),
@@ -29,6 +35,7 @@ def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy) -
         "curves": lambda: bench_curves(folder),
         "algorithms": bench_algorithms,
         "gpu": lambda: bench_gpu(seconds),
+        "serving": lambda: bench_serving({"given": policy}, seconds),
         "scaling": lambda: bench_scaling(seconds, folder),
     }
     for part in parts:

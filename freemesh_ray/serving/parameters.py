@@ -1,0 +1,141 @@
+"""The parameters of a request: what stands after the ``?``."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from envs.sizing import MOST_GRADING
+from freemesh_ray.serving.formats import JSON, MEDIA
+from freemesh_ray.serving.limits import Limits
+
+#: Characters of a client's text that are repeated to it.
+QUOTED = 40
+
+
+class ParameterError(ValueError):
+    """A parameter that is not understood; one line with its name, what is wrong and the fix."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """How a polygon is to be meshed and answered; see api.mesh.
+
+    Attributes:
+        density: a key of the server's policies.
+        form: a key of formats.MEDIA.
+    """
+
+    density: str
+    edge_length: float | None = None
+    grading: float = 1.0
+    fix_parity: bool = False
+    seed: int = 0
+    best_of: int = 1
+    smooth: bool = True
+    clean: bool = True
+    form: str = JSON
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of value.
+
+    Attributes:
+        wanted: what to give, for messages and the server's own description.
+        read: a text's value; ValueError for one that is not of this kind.
+    """
+
+    wanted: str
+    read: Callable[[str], Any]
+
+
+def number(low: float, high: float, wanted: str) -> Kind:
+    """A number in [low, high]."""
+
+    def read(text: str) -> float:
+        if not low <= (value := float(text)) <= high:
+            raise ValueError
+        return value
+
+    return Kind(wanted, read)
+
+
+def whole(low: int, high: int) -> Kind:
+    """A whole number in [low, high]."""
+
+    def read(text: str) -> int:
+        if not low <= (value := int(text)) <= high:
+            raise ValueError
+        return value
+
+    return Kind(f"a whole number from {low} to {high}", read)
+
+
+def choice(values: Sequence[str], meaning: Callable[[str], Any] = str) -> Kind:
+    """One of several words."""
+
+    def read(text: str) -> Any:
+        if text not in values:
+            raise ValueError
+        return meaning(text)
+
+    return Kind(values[0] if len(values) == 1 else f"one of {', '.join(values)}", read)
+
+
+def kinds(densities: Sequence[str], limits: Limits) -> dict[str, Kind]:
+    """The kind of every parameter, by the name it has in a query."""
+    switch = choice(("true", "false"), lambda text: text == "true")
+    return {
+        "edge_length": number(1e-300, 1e300, "a number above 0, in the polygon's units"),
+        "grading": number(1.0, MOST_GRADING, f"a ratio from 1 to {MOST_GRADING:g}"),
+        "fix_parity": switch,
+        "density": choice(densities),
+        "seed": whole(0, 2**32 - 1),
+        "best_of": whole(1, limits.best_of),
+        "smooth": switch,
+        "clean": switch,
+        "format": choice(tuple(MEDIA)),
+    }
+
+
+def parameters(query: Iterable[tuple[str, str]], densities: Sequence[str], limits: Limits) -> Parameters:
+    """The parameters that a query gives.
+
+    Args:
+        query: names and values, decoded.
+        densities: those that the server has policies for; the default is ``medium``, or the only one.
+        limits: of ``best_of``.
+
+    Raises:
+        ParameterError: a name that is not known or occurs twice, or a value out of its range.
+    """
+    known = kinds(densities, limits)
+    values: dict[str, Any] = {}
+    for name, text in query:
+        if name not in known:
+            raise ParameterError(unknown(name, list(known)))
+        if name in values:
+            raise ParameterError(f"parameter {name}: given twice: give it once")
+        try:
+            values[name] = known[name].read(text)
+        except ValueError:
+            raise ParameterError(f"parameter {name}={shortened(text)!r}: give {known[name].wanted}") from None
+    if values.get("grading", 1.0) > 1.0 and "edge_length" not in values:
+        raise ParameterError("parameter grading: means nothing alone: give edge_length, too")
+    density = values.pop("density", "medium" if "medium" in densities else densities[0])
+    return Parameters(density, form=values.pop("format", JSON), **values)
+
+
+def unknown(name: str, known: Sequence[str]) -> str:
+    """The line for a name that is not known, with the nearest one."""
+    near = difflib.get_close_matches(shortened(name), known, n=1)
+    meant = f"did you mean {near[0]}? " if near else ""
+    return f"parameter {shortened(name)!r}: not known; {meant}there are {', '.join(known)}"
+
+
+def shortened(text: str) -> str:
+    """A client's text as messages repeat it."""
+    return text if len(text) <= QUOTED else f"{text[:QUOTED]}..."
