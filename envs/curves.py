@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.rings import MOST_VERTICES
-from envs.types import Floats
+from envs.types import DomainError, Floats
 
 #: Without an edge length, a chord stays within this share of the drawing's extent of its curve ...
 SAGITTA = 1e-3
@@ -37,6 +37,10 @@ TINY = 1e-6
 #: Rows: coefficients of t^3, t^2, t, 1; columns: the weights of four control points.
 CATMULL_ROM = 0.5 * np.array([[-1, 3, -3, 1], [2, -5, 4, -1], [-1, 0, 1, 0], [0, 2, 0, 0]], dtype=np.float64)
 B_SPLINE = np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 0, 3, 0], [1, 4, 1, 0]]) / 6.0
+
+
+class ChordsError(DomainError):
+    """Curves of more chords than a boundary may have segments; who knows the file says which."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,24 @@ def flattening(extent: float, edge_length: float | None) -> Flattening:
     return Flattening(sagitta=np.inf, step=max(FINE_STEP * edge_length, LEAST_STEP * extent), turn=FINE_TURN)
 
 
+def check_chords(chords: float) -> None:
+    """Refuse more than ``MOST_VERTICES``, before they are made.
+
+    Raises:
+        ChordsError: there would be.
+    """
+    if chords > MOST_VERTICES:
+        raise ChordsError(f"curves of more than {MOST_VERTICES:,} chords; simplify them, or use a larger edge length")
+
+
 def chords_of_arc(radius: float, sweep: float, fineness: Flattening) -> int:
     """Chords, at least one, of a circular arc of ``sweep`` radians; a chord's sagitta is r (1 - cos(angle / 2))."""
     angle = min(fineness.turn, fineness.step / radius)
     if fineness.sagitta < radius:
         angle = min(angle, 2.0 * float(np.arccos(1.0 - fineness.sagitta / radius)))
-    return max(1, int(np.ceil(abs(sweep) / angle * (1.0 - 1e-12))))
+    chords = np.ceil(abs(sweep) / angle * (1.0 - 1e-12))
+    check_chords(chords)
+    return max(1, int(chords))
 
 
 def arc(centre: Floats, radius: float, start: float, sweep: float, fineness: Flattening) -> Floats:
@@ -132,14 +148,19 @@ def sampled(at: Callable[[Floats], Floats], breaks: Floats, fineness: Flattening
         at: (k,) parameters to (k, 2) points.
         breaks: (s + 1,) parameters between which the curve is smooth, ascending or descending.
         fineness: how finely.
+
+    Raises:
+        ChordsError: too finely.
     """
-    pieces = [at(breaks[:1])]
+    pieces, total = [at(breaks[:1])], 0
     for low, high in zip(breaks[:-1], breaks[1:], strict=True):
         chords = 2
         points = at(np.linspace(low, high, chords + 1))
         while chords < MOST_CHORDS and not fine_enough(points, fineness):
             chords *= 2
             points = at(np.linspace(low, high, chords + 1))
+        total += chords
+        check_chords(total)
         pieces.append(points[1:])
     return without_tiny_steps(np.concatenate(pieces))
 

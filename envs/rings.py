@@ -21,6 +21,12 @@ MOST_VERTICES = 1_000_000
 #: Vertices of a polygon with holes at most: the triangulation that finds seams takes time with their square.
 MOST_WITH_HOLES = 50_000
 
+#: Rings of a file at most.
+MOST_RINGS = 10_000
+
+#: Pairs that a search for what lies near looks at in one go: a scribble of n segments has n^2 / 2 of them.
+PAIRS_AT_ONCE = 10_000_000
+
 #: Coordinates beyond this, or domains smaller than its inverse, would overflow when squared or multiplied.
 LARGEST_COORDINATE = 1e100
 
@@ -105,6 +111,38 @@ def check_count(
         raise DomainError(f"{source}: {vertices:,.0f} vertices{what}, at most {most:,} are possible; {fix}")
 
 
+def check_rings(rings: int, source: str) -> None:
+    """Refuse more than ``MOST_RINGS``."""
+    if rings > MOST_RINGS:
+        raise DomainError(f"{source}: {rings:,} rings, at most {MOST_RINGS:,} are possible; split the file")
+
+
+def pairs_of(
+    tree: shapely.STRtree, geometries: np.ndarray, predicate: str, distance: float | None = None
+) -> Iterator[tuple[Ints, Ints]]:
+    """The pairs (i, j) of geometry i and the tree's j that a predicate holds for, for a few more i each time.
+
+    Who looks for one pair alone can stop early, and never are there more than ``PAIRS_AT_ONCE``.
+
+    Args:
+        tree: of p geometries.
+        geometries: (g,) what is asked about.
+        predicate: one of `shapely.STRtree.query`'s.
+        distance: of ``dwithin``.
+    """
+    most = max(1, PAIRS_AT_ONCE // max(1, len(tree)))
+    start, count = 0, 1
+    while start < len(geometries):
+        i, j = tree.query(geometries[start : start + count], predicate=predicate, distance=distance)
+        yield i + start, j
+        start, count = start + count, min(2 * count, most)
+
+
+def is_number(kind: type) -> bool:
+    """Whether a type is one of numbers; truth values are none."""
+    return issubclass(kind, int | float | np.integer | np.floating) and kind is not bool
+
+
 def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int = 4) -> Floats:
     """Coordinates as an (n, 2) float64 ring, without the closing point that repeats the first.
 
@@ -119,8 +157,10 @@ def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int =
     """
     where = f"{source}: {ring_name(index)}"
     try:
-        given = np.asarray(coordinates)
-        if given.size and given.dtype.kind not in "iuf":
+        given = np.asarray(coordinates, dtype=None if hasattr(coordinates, "__array__") else object)
+        if given.size and given.dtype.kind not in "iufO":
+            raise TypeError("not numbers")
+        if given.dtype == object and not all(map(is_number, set(map(type, given.ravel())))):
             raise TypeError("not numbers")
         ring = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -194,10 +234,10 @@ def check_distinct(rings: Sequence[Floats], source: str) -> None:
 def close_pairs(points: Floats, distance: float) -> Iterator[tuple[int, int]]:
     """Pairs i < j of (p, 2) points within ``distance``, in order of j."""
     geometries = shapely.points(points)
-    i, j = shapely.STRtree(geometries).query(geometries, predicate="dwithin", distance=distance)
-    later = i < j
-    order = np.lexsort([i[later], j[later]])
-    yield from zip(i[later][order].tolist(), j[later][order].tolist(), strict=True)
+    for j, i in pairs_of(shapely.STRtree(geometries), geometries, "dwithin", distance):
+        later = i < j
+        order = np.lexsort([i[later], j[later]])
+        yield from zip(i[later][order].tolist(), j[later][order].tolist(), strict=True)
 
 
 def check_crossings(whole: Outline) -> None:
@@ -208,14 +248,14 @@ def check_crossings(whole: Outline) -> None:
     """
     ends = whole.points[whole.edges]
     lines = shapely.linestrings(ends)
-    i, j = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=whole.tolerance)
-    i, j = i[i < j], j[i < j]
-    shared = (whole.edges[i][:, :, None] == whole.edges[j][:, None, :]).any(axis=2)
-    neighbours = shared.any(axis=1)
-    check_folds(whole, i[neighbours], j[neighbours], shared[neighbours])
-    i, j = i[~neighbours], j[~neighbours]
-    for k in np.lexsort([j, i])[:1]:
-        raise DomainError(crossing_message(whole, int(i[k]), int(j[k]), lines))
+    for i, j in pairs_of(shapely.STRtree(lines), lines, "dwithin", whole.tolerance):
+        i, j = i[i < j], j[i < j]
+        shared = (whole.edges[i][:, :, None] == whole.edges[j][:, None, :]).any(axis=2)
+        neighbours = shared.any(axis=1)
+        check_folds(whole, i[neighbours], j[neighbours], shared[neighbours])
+        i, j = i[~neighbours], j[~neighbours]
+        for k in np.lexsort([j, i])[:1]:
+            raise DomainError(crossing_message(whole, int(i[k]), int(j[k]), lines))
 
 
 def crossing_message(whole: Outline, a: int, b: int, lines: np.ndarray) -> str:
@@ -267,13 +307,15 @@ def check_nesting(rings: Sequence[Floats], source: str) -> None:
     if len(rings) == 1:
         return
     shapes = shapely.polygons([shapely.linearrings(ring) for ring in rings])
-    probes = shapely.points([ring[0] for ring in rings])
-    for h in range(1, len(rings)):
+    probes = shapely.points([ring[0] for ring in rings[1:]])
+    shapely.prepare(shapes[0])
+    for h in np.flatnonzero(~shapely.contains(shapes[0], probes))[:1] + 1:
         where = f"{source}: {ring_name(h)}, vertex 0 at {place(rings[h][0])}"
-        if not shapely.contains(shapes[0], probes[h]):
-            raise DomainError(f"{where}: lies outside the outer ring; move the hole inside or remove it")
-        others = [o for o in range(1, len(rings)) if o != h and shapely.contains(shapes[o], probes[h])]
-        for other in others[:1]:
+        raise DomainError(f"{where}: lies outside the outer ring; move the hole inside or remove it")
+    for inner, outer in pairs_of(shapely.STRtree(shapes[1:]), probes, "within"):
+        for k in np.flatnonzero(inner != outer)[:1]:
+            h, other = inner[k] + 1, outer[k] + 1
+            where = f"{source}: {ring_name(h)}, vertex 0 at {place(rings[h][0])}"
             raise DomainError(f"{where}: lies inside {ring_name(other)}; remove one of the two")
 
 

@@ -16,6 +16,7 @@ other, whatever the number of holes.
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -39,6 +40,39 @@ class Bridge:
     cost: float
 
 
+class Walk:
+    """A ring that grows hole by hole: each visit of a vertex knows the next and the one before, so no step takes longer
+    the longer the ring is.
+    """
+
+    def __init__(self, vertices: Sequence[int]) -> None:
+        self.vertex, self.first = list(vertices), 0
+        self.ahead = [*range(1, len(self.vertex)), 0]
+        self.behind = [len(self.vertex) - 1, *range(len(self.vertex) - 1)]
+        #: Visits of each vertex in the order of the walk.
+        self.visits = {vertex: [visit] for visit, vertex in enumerate(self.vertex)}
+
+    def insert(self, before: int, vertices: Sequence[int]) -> None:
+        """Walk some vertices before a visit; the first of them is the one visited there."""
+        new = list(range(len(self.vertex), len(self.vertex) + len(vertices)))
+        self.vertex += vertices
+        self.behind += [self.behind[before], *new[:-1]]
+        self.ahead += [*new[1:], before]
+        self.ahead[self.behind[before]], self.behind[before] = new[0], new[-1]
+        self.first = new[0] if self.first == before else self.first
+        there = self.visits[vertices[0]]
+        there.insert(there.index(before), new[0])
+        for visit, vertex in zip(new[1:], vertices[1:], strict=True):
+            self.visits.setdefault(vertex, []).append(visit)
+
+    def vertices(self) -> Ints:
+        """(n,) the vertices in the order of the walk."""
+        order = [self.first]
+        while (visit := self.ahead[order[-1]]) != self.first:
+            order.append(visit)
+        return np.array([self.vertex[visit] for visit in order], dtype=np.int64)
+
+
 def join(name: str, rings: Sequence[Floats]) -> Domain:
     """One counter-clockwise ring of valid rings: the outer one first, then the holes, in either orientation."""
     turned = [oriented(ring, counterclockwise=h == 0) for h, ring in enumerate(rings)]
@@ -47,16 +81,17 @@ def join(name: str, rings: Sequence[Floats]) -> Domain:
     ring_of = np.repeat(np.arange(len(turned)), [len(ring) for ring in turned])
     following = np.concatenate([np.roll(np.arange(a, b), -1) for a, b in pairwise(starts)])
     segments = np.stack([np.arange(len(points)), following], axis=1).astype(np.int64)
-    walk = list(range(starts[1]))
+    walk = Walk(range(starts[1]))
+    places, local = list(points), local_length(points, following)
     for bridge in chosen_bridges(turned, points, ring_of, following):
         first, last = starts[ring_of[bridge.end]], starts[ring_of[bridge.end] + 1]
         around = np.roll(np.arange(first, last), first - bridge.end).tolist()
-        at = corner_facing(points, walk, bridge)
-        seam = seam_points(points, following, bridge)
-        inner = list(range(len(points), len(points) + len(seam)))
-        points = np.concatenate([points, seam])
-        walk[at:at] = [bridge.start, *inner, *around, bridge.end, *reversed(inner)]
-    return Domain(name=name, points=points, ring=np.array(walk, dtype=np.int64), segments=segments)
+        at = corner_facing(places, walk, bridge)
+        seam = seam_points(places, local, bridge)
+        inner = list(range(len(places), len(places) + len(seam)))
+        places += seam
+        walk.insert(at, [bridge.start, *inner, *around, bridge.end, *reversed(inner)])
+    return Domain(name=name, points=np.array(places), ring=walk.vertices(), segments=segments)
 
 
 def chosen_bridges(rings: Sequence[Floats], points: Floats, ring_of: Ints, following: Ints) -> list[Bridge]:
@@ -64,30 +99,46 @@ def chosen_bridges(rings: Sequence[Floats], points: Floats, ring_of: Ints, follo
     if len(rings) == 1:
         return []
     candidates = bridge_candidates(rings, points, ring_of, following)
+    leaving: list[list[int]] = [[] for _ in rings]
+    for i, bridge in enumerate(candidates):
+        leaving[ring_of[bridge.start]].append(i)
     joined, taken, chosen = {0}, set[int](), list[Bridge]()
-    while len(joined) < len(rings):
-        open_ones = [b for b in candidates if (ring_of[b.start] in joined) and (ring_of[b.end] not in joined)]
+
+    def cost(i: int) -> float:
         # Two bridges at one vertex would share its angle: only where all others are much worse.
-        best = min(open_ones, key=lambda b: b.cost * (SHARED_VERTEX if b.start in taken else 1.0))
+        return candidates[i].cost * (SHARED_VERTEX if candidates[i].start in taken else 1.0)
+
+    waiting = [(cost(i), i) for i in leaving[0]]
+    heapq.heapify(waiting)
+    while len(joined) < len(rings):
+        then, i = heapq.heappop(waiting)
+        best = candidates[i]
+        if ring_of[best.end] in joined:
+            continue
+        if cost(i) > then:  # another bridge has left there since
+            heapq.heappush(waiting, (cost(i), i))
+            continue
         chosen.append(best)
         joined.add(int(ring_of[best.end]))
         taken.update((best.start, best.end))
+        for j in leaving[ring_of[best.end]]:
+            heapq.heappush(waiting, (cost(j), j))
     return chosen
 
 
-def corner_facing(points: Floats, walk: Sequence[int], bridge: Bridge) -> int:
-    """Where in the walk the bridge leaves: the corner at its start that opens towards its end.
+def corner_facing(points: Sequence[Floats], walk: Walk, bridge: Bridge) -> int:
+    """The visit of the walk that the bridge leaves at: the corner at its start that opens towards its end.
 
-    A start that other bridges left before occurs more than once; each occurrence has its own part of the angle,
+    A start that other bridges left before is visited more than once; each visit has its own part of the angle,
     counter-clockwise from the vertex ahead to the vertex behind.
     """
-    found = [i for i, v in enumerate(walk) if v == bridge.start]
+    visits = walk.visits[bridge.start]
     here, there = points[bridge.start], points[bridge.end]
-    for i in found[:-1]:
-        ahead, behind = points[walk[(i + 1) % len(walk)]], points[walk[i - 1]]
+    for i in visits[:-1]:
+        ahead, behind = points[walk.vertex[walk.ahead[i]]], points[walk.vertex[walk.behind[i]]]
         if turn_to(there - here, ahead - here) < turn_to(behind - here, ahead - here):
             return i
-    return found[-1]
+    return visits[-1]
 
 
 def turn_to(direction: Floats, origin: Floats) -> float:
@@ -112,7 +163,7 @@ def bridge_candidates(rings: Sequence[Floats], points: Floats, ring_of: Ints, fo
         for neighbour in (before, following):
             edge = points[neighbour[pairs[:, end]]] - points[pairs[:, end]]
             least = np.minimum(least, angle_between(along, edge))
-    room = clearance(points, pairs, 0.3 * np.minimum(length, local_length(points, following, pairs)))
+    room = clearance(points, pairs, 0.3 * np.minimum(length, local_length(points, following)[pairs].mean(axis=1)))
     cost = length / np.maximum(np.sin(least) * room, 1e-12) ** 2
     return [Bridge(int(a), int(b), float(c)) for (a, b), c in zip(pairs, cost, strict=True)]
 
@@ -134,11 +185,10 @@ def preceding(following: Ints) -> Ints:
     return before
 
 
-def local_length(points: Floats, following: Ints, pairs: Ints) -> Floats:
-    """(m,) mean length of the four boundary segments at the ends of (m, 2) pairs."""
+def local_length(points: Floats, following: Ints) -> Floats:
+    """(n,) mean length of the two boundary segments at each vertex."""
     ahead = np.linalg.norm(points[following] - points, axis=1)
-    around = 0.5 * (ahead + ahead[preceding(following)])
-    return around[pairs].mean(axis=1)
+    return 0.5 * (ahead + ahead[preceding(following)])
 
 
 def clearance(points: Floats, pairs: Ints, wanted: Floats) -> Floats:
@@ -160,9 +210,8 @@ def angle_between(u: Floats, v: Floats) -> Floats:
     return np.arctan2(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), (u * v).sum(axis=1))
 
 
-def seam_points(points: Floats, following: Ints, bridge: Bridge) -> Floats:
-    """(k - 1, 2) points that split the bridge into k >= 1 even segments of about the local boundary length."""
+def seam_points(points: Sequence[Floats], local: Floats, bridge: Bridge) -> list[Floats]:
+    """The k - 1 points that split the bridge into k >= 1 even segments of about the local boundary length."""
     a, b = points[bridge.start], points[bridge.end]
-    local = local_length(points[: len(following)], following, np.array([[bridge.start, bridge.end]]))[0]
-    k = max(1, round(float(np.linalg.norm(b - a) / local)))
-    return a + (b - a) * (np.arange(1, k) / k)[:, None]
+    k = max(1, round(float(np.linalg.norm(b - a) / local[[bridge.start, bridge.end]].mean())))
+    return list(a + (b - a) * (np.arange(1, k) / k)[:, None])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,14 +17,24 @@ from typing import Any
 import numpy as np
 
 from envs.types import MeshingParameters
+from freemesh_ray.array_archive import read_arrays
 from freemesh_ray.atomic import replacing
 
 #: The policies that ship with the package, by how large they cut the elements; their card lies beside them.
 SHIPPED = {name: Path(__file__).parent / "policies" / f"{name}.npz" for name in ("sparse", "medium", "dense")}
 DEFAULT = SHIPPED["medium"]
 
+#: What JSON may have for a parameter by the type of its default; for other types, just that.
+KINDS_OF: dict[type, tuple[type, ...]] = {type(None): (type(None), int), float: (float, int)}
+
 Layer = tuple[np.ndarray, np.ndarray]
+#: What reading a file raises that is no policy.
+UNREADABLE = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
+
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
+
+#: Observations are of the size of one; up to here no sum in a network may overflow.
+LARGEST_OBSERVATION = 1e3
 
 
 class PolicyError(ValueError):
@@ -39,6 +48,7 @@ def check_layers(layers: Sequence[Layer], what: str, lead: tuple[int, ...], ends
         PolicyError: as said.
     """
     width = None
+    reach = np.full(layers[0][0].shape[-2:-1], LARGEST_OBSERVATION)
     for weight, bias in layers:
         if weight.ndim != len(lead) + 2 or weight.shape[:-2] != lead or width not in (None, weight.shape[-2]):
             raise PolicyError(f"the policy's {what}: the layers do not fit each other")
@@ -47,15 +57,44 @@ def check_layers(layers: Sequence[Layer], what: str, lead: tuple[int, ...], ends
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
             raise PolicyError("the policy's weights are not finite: its training diverged")
         width = weight.shape[-1]
+        reach = np.einsum("...i,...io->...o", reach, np.abs(weight, dtype=np.float64)) + np.abs(bias)
+    if not (reach < np.finfo(np.float32).max).all():
+        raise PolicyError("the policy's weights are so large that its actions overflow: its training diverged")
     found = (layers[0][0].shape[-2], layers[-1][0].shape[-1])
     if found != ends:
         raise PolicyError(f"the policy's {what} is {found[0]} -> {found[1]}, its parameters need {ends}")
 
 
 def read_layers(archive: Mapping[str, np.ndarray], prefix: str) -> list[Layer]:
-    """The layers ``PREFIXweight_0``, ``PREFIXbias_0``, .. of an archive."""
+    """The layers ``PREFIXweight_0``, ``PREFIXbias_0``, .. of an archive, float32.
+
+    Raises:
+        ValueError: one is not of floats; KeyError: one is missing.
+    """
     count = sum(name.startswith(f"{prefix}weight_") for name in archive)
-    return [(archive[f"{prefix}weight_{i}"], archive[f"{prefix}bias_{i}"]) for i in range(count)]
+
+    def floats(name: str) -> np.ndarray:
+        if archive[name].dtype.kind != "f":
+            raise ValueError(f"{name} does not hold floats")
+        with np.errstate(over="ignore"):  # what becomes infinite is refused with the rest
+            return archive[name].astype(np.float32)
+
+    return [(floats(f"{prefix}weight_{i}"), floats(f"{prefix}bias_{i}")) for i in range(count)]
+
+
+def read_parameters(given: Mapping[str, Any]) -> MeshingParameters:
+    """The MDP's parameters of a JSON object.
+
+    Raises:
+        ValueError: one is unknown, of another type than its default, or out of range.
+    """
+    defaults, values = asdict(MeshingParameters()), dict[str, Any]()
+    for name, value in given.items():
+        kind = type(defaults.get(name))
+        if type(value) not in KINDS_OF.get(kind, (kind,)):
+            raise ValueError(f"parameters.{name} = {str(value)[:40]!r}")
+        values[name] = float(value) if kind is float else value
+    return MeshingParameters(**values)
 
 
 @dataclass(frozen=True)
@@ -125,11 +164,13 @@ class Policy:
         if not os.path.isfile(path):
             raise PolicyError(f"{path}: no such policy file; train one with `freemesh train`, or check the path")
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                about = json.loads(str(archive["about"]))
-                layers, critic = read_layers(archive, ""), read_layers(archive, "critic_")
-            return cls(layers, MeshingParameters(**about["parameters"]), about["about"], critic)
-        except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            archive = read_arrays(path)
+            text = json.loads(str(archive["about"]))
+            layers, critic = read_layers(archive, ""), read_layers(archive, "critic_")
+            parameters, about = read_parameters(text["parameters"]), dict(text["about"])
+            return cls(layers, parameters, about, critic)
+        except UNREADABLE as error:
+            reason = " ".join(str(error).split())[:200]
             raise PolicyError(
-                f"{path}: not a policy file ({error}); give the policy.npz that a training wrote"
+                f"{path}: not a policy file ({reason}); give the policy.npz that a training wrote"
             ) from error

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.curves import ChordsError
 from envs.readers.dxf import polygons_of_dxf
 from envs.readers.geo import polygons_of_geo
 from envs.readers.json_text import polygons_of_json
@@ -19,7 +20,7 @@ from envs.readers.msh import polygons_of_msh
 from envs.readers.source import check_file, text_of
 from envs.readers.table import number_in, polygons_of_table
 from envs.readers.wkt import polygons_of_wkt
-from envs.rings import check_count
+from envs.rings import check_count, check_rings
 from envs.types import DomainError
 
 Polygons = list[list[Any]]
@@ -42,8 +43,12 @@ def read(path: Path, edge_length: float | None = None) -> Polygons:
     if reader is None:
         raise DomainError(f"{path}: unknown extension {path.suffix!r}; use one of {', '.join(READERS)}")
     check_file(path)
-    with np.errstate(all="ignore"):  # numbers beyond floats are for the checks of the rings to name
-        polygons = reader(path, edge_length)
+    try:
+        with np.errstate(all="ignore"):  # numbers beyond floats are for the checks of the rings to name
+            polygons = reader(path, edge_length)
+    except ChordsError as error:
+        raise DomainError(f"{path}: {error}") from None
+    check_rings(sum(map(len, polygons)), str(path))
     check_count(sum(len(ring) for rings in polygons for ring in rings if hasattr(ring, "__len__")), str(path))
     return polygons
 

@@ -20,6 +20,7 @@ from envs import curves
 from envs.curves import Flattening
 from envs.readers.loops import faces, joined
 from envs.readers.nesting import nested
+from envs.readers.source import excerpt
 from envs.rings import LARGEST_COORDINATE, check_count, extent
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats
 
@@ -31,6 +32,9 @@ MOST_ENTITIES = 200_000
 
 #: ... and inserted blocks among them.
 MOST_BLOCKS = 10_000
+
+#: Degree of a spline at most: what drawings have is 3, seldom 5 or more.
+MOST_DEGREE = 25
 
 READ = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 
@@ -67,7 +71,7 @@ def polygons_of_dxf(path: Path, edge_length: float | None = None) -> list[list[A
         raise
     except Exception as error:  # what a broken entity makes ezdxf raise is not documented
         raise DomainError(f"{source}: not a valid DXF drawing ({reason_of(error)}); save it again") from None
-    return nested(loops_of(pieces, size, source))
+    return nested(loops_of(pieces, size, source), source)
 
 
 def extent_of(strokes: Sequence[Stroke], entities: Sequence[Any], source: str) -> float:
@@ -110,7 +114,7 @@ def drawing_of(path: Path) -> Any:
 
 def reason_of(error: Exception) -> str:
     """An exception as part of a line."""
-    return (str(error).splitlines() or [""])[0][:80] or type(error).__name__
+    return excerpt(str(error), 80) or type(error).__name__
 
 
 def visible(drawing: Any, source: str) -> Iterator[Any]:
@@ -124,14 +128,15 @@ def visible(drawing: Any, source: str) -> Iterator[Any]:
             waiting.pop()
             continue
         taken += 1
+        if entity.dxf.layer.lower() in hidden or entity.dxf.get("invisible", 0):
+            continue
+        inserting = entity.dxftype() == "INSERT"
+        blocks += max(1, entity.mcount) if inserting else 0
         if taken > MOST_ENTITIES or blocks > MOST_BLOCKS:
             raise DomainError(
                 f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; simplify it"
             )
-        if entity.dxf.layer.lower() in hidden or entity.dxf.get("invisible", 0):
-            continue
-        if entity.dxftype() == "INSERT":
-            blocks += 1
+        if inserting:
             waiting.append(inserted(entity))
         else:
             yield entity
@@ -200,10 +205,11 @@ def polyline_stroke(points: Floats, bulges: Floats, closed: bool, ocs: Any) -> I
 
     def flat(fineness: Flattening) -> Floats:
         sweeps = 4.0 * np.arctan(bulges[:-1])
-        pieces = [
-            curves.arc_between(a, b, float(sweep), fineness)[:-1] if sweep else a[None]
-            for a, b, sweep in zip(points[:-1], points[1:], sweeps, strict=True)
-        ]
+        pieces, total = [], 0
+        for a, b, sweep in zip(points[:-1], points[1:], sweeps, strict=True):
+            pieces.append(curves.arc_between(a, b, float(sweep), fineness)[:-1] if sweep else a[None])
+            total += len(pieces[-1])
+            curves.check_chords(total)
         return in_world(np.concatenate([*pieces, points[-1:]]), ocs)
 
     yield Stroke(flat(Flattening(np.inf, np.inf, curves.TURN)), flat)
@@ -226,13 +232,20 @@ def ellipse_stroke(entity: Any) -> Iterator[Stroke]:
 
 def spline_stroke(entity: Any) -> Iterator[Stroke]:
     """A SPLINE of any degree, rational or not, by control or by fit points."""
+    if entity.dxf.degree > MOST_DEGREE:
+        raise ValueError(f"a spline of degree {entity.dxf.degree}, at most {MOST_DEGREE} are read")
+    from scipy.interpolate import BSpline  # half a second that other files need not wait
+
     spline = entity.construction_tool()
-    knots = np.array(spline.knots())
-    breaks = np.unique(knots[spline.order - 1 : spline.count + 1])
+    knots, degree = np.array(spline.knots()), spline.order - 1
+    breaks = np.unique(knots[degree : spline.count + 1])
     hull = np.array(spline.control_points)[:, :2]
+    weights = np.array(spline.weights() or np.ones(len(hull)))
+    rational = BSpline(knots, np.column_stack([hull * weights[:, None], weights]), degree)
 
     def at(t: Floats) -> Floats:
-        return np.array([(p.x, p.y) for p in spline.points(t.tolist())])
+        points = rational(t)
+        return points[:, :2] / points[:, 2:]
 
     if np.isfinite(hull).all() and np.isfinite(breaks).all() and len(breaks) > 1:
         yield Stroke(hull, lambda fineness: curves.sampled(at, breaks, fineness))
@@ -268,5 +281,5 @@ def loops_of(pieces: Sequence[Floats], size: float, source: str) -> list[list[li
         elif len(piece) > 1:
             loose.append(piece)
     if loose:
-        groups += faces(*joined(loose, ENDS_MEET * size), source)
+        groups += faces(*joined(loose, ENDS_MEET * size, source), source)
     return groups

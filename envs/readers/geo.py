@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,11 @@ PASSED_OVER = frozenset((
 #: What curves are called, and the fewest points of each.
 KINDS = {"Line": 2, "Circle": 3, "Ellipse": 3, "Spline": 2, "BSpline": 2, "Bezier": 4}
 
+#: Control points of a Bezier curve at most: its degree is one less, and its points take time with the square of that.
+MOST_BEZIER = 50
+
+Defined = TypeVar("Defined")
+
 #: Two directions whose cross product is below this share of their lengths are one.
 PARALLEL = 1e-12
 
@@ -46,6 +51,16 @@ class Curve:
     kind: str
     points: list[int]
     line: int
+
+
+class Table(dict[int, Defined]):
+    """What is defined, by tag."""
+
+    highest = 0
+
+    def __setitem__(self, tag: int, defined: Defined) -> None:
+        super().__setitem__(tag, defined)
+        self.highest = max(self.highest, tag)
 
 
 @dataclass
@@ -60,10 +75,10 @@ class Model:
         counts: segments and progression ratio of transfinite curves.
     """
 
-    points: dict[int, tuple[float, float]] = field(default_factory=dict)
-    curves: dict[int, Curve] = field(default_factory=dict)
-    loops: dict[int, list[int]] = field(default_factory=dict)
-    surfaces: dict[int, list[int]] = field(default_factory=dict)
+    points: Table[tuple[float, float]] = field(default_factory=Table)
+    curves: Table[Curve] = field(default_factory=Table)
+    loops: Table[list[int]] = field(default_factory=Table)
+    surfaces: Table[list[int]] = field(default_factory=Table)
     counts: dict[int, tuple[int, float]] = field(default_factory=dict)
 
 
@@ -84,26 +99,30 @@ def polygons_of_geo(path: Path, edge_length: float | None = None) -> list[list[A
         flat[tag] = counted(model, tag, source) if as_counted else flattened(model, curve, fineness, source)
         total += len(flat[tag])
         check_count(total, source)
-    rings = {tag: ring_of(model, flat, tag, source) for tag in model.loops}
+    rings, total = {}, 0
+    for tag in model.loops:
+        rings[tag] = ring_of(model, flat, tag, source)
+        total += len(rings[tag])
+        check_count(total, source)
     if model.surfaces:
         return [[rings[loop] for loop in loops] for loops in model.surfaces.values()]
     if rings:
-        return nested([[[ring]] for ring in rings.values()])
+        return nested([[[ring]] for ring in rings.values()], source)
     node = {tag: i for i, tag in enumerate(model.points)}
     ends = np.array([(node[c.points[0]], node[c.points[-1]]) for c in model.curves.values()], dtype=np.int64)
-    return nested(faces(list(flat.values()), ends, source))
+    return nested(faces(list(flat.values()), ends, source), source)
 
 
 def model_of(text: str, source: str) -> Model:
     """What a script defines; every tag that it uses is defined."""
     model = Model()
     script = Script(source, tokens(text, source))
-    newest: dict[str, dict[int, Any]] = {"p": model.points, "c": model.curves, "l": model.curves,
+    newest: dict[str, Table[Any]] = {"p": model.points, "c": model.curves, "l": model.curves,
                                          "cl": model.loops, "ll": model.loops, "s": model.surfaces}  # fmt: skip
     for name, table in newest.items():
-        script.counters[f"new{name}"] = lambda table=table: max(table, default=0) + 1  # type: ignore[misc]
+        script.counters[f"new{name}"] = lambda table=table: table.highest + 1  # type: ignore[misc]
     everything = (model.points, model.curves, model.loops, model.surfaces)
-    script.counters["newreg"] = lambda: max(max(table, default=0) for table in everything) + 1
+    script.counters["newreg"] = lambda: max(table.highest for table in everything) + 1
     while script.next.kind != "end":
         statement(script, model)
     return model
@@ -118,8 +137,7 @@ def statement(script: Script, model: Model) -> None:
     token = script.take()
     word, second = token.text, script.next.text
     if token.kind != "name":
-        script.at -= 1
-        raise script.fault(f"{word[:40]!r} where a statement is needed; correct it")
+        raise script.fault(f"{word[:40]!r} where a statement is needed; correct it", line)
     if (word, second) in (("Line", "Loop"), ("Curve", "Loop")):
         script.take()
         tag = tag_of(script)
@@ -139,8 +157,10 @@ def statement(script: Script, model: Model) -> None:
         model.points[tag] = (coordinates[0] + 0.0, coordinates[1] + 0.0)
     elif word in KINDS and second == "(":
         tag = tag_of(script)
-        points = known(script, script.tags(), model.points, "point")
+        points = known(script, script.tags(), model.points, "point", signed=False)
         least = KINDS[word]
+        if word == "Bezier" and len(points) > MOST_BEZIER:
+            raise script.fault(f"a Bezier of {len(points)} points, at most {MOST_BEZIER} are possible; split the curve")
         if len(points) < least or (word == "Circle" and len(points) != 3):
             raise script.fault(f"a {word} of {len(points)} points, {least} are needed; correct the statement")
         model.curves[tag] = Curve(word, points, line)
@@ -155,8 +175,8 @@ def statement(script: Script, model: Model) -> None:
         script.skip_statement()
         return
     else:
-        script.at -= 1
-        raise script.fault(f"{word[:40]!r} is not understood here; open the file in Gmsh and save the mesh as .msh")
+        fix = "open the file in Gmsh and save the mesh as .msh"
+        raise script.fault(f"{word[:40]!r} is not understood here; {fix}", line)
     script.expect(";")
 
 
@@ -169,10 +189,10 @@ def tag_of(script: Script) -> int:
     return tag
 
 
-def known(script: Script, tags: list[int], table: dict[int, Any], what: str) -> list[int]:
-    """The tags, all of them defined."""
+def known(script: Script, tags: list[int], table: dict[int, Any], what: str, signed: bool = True) -> list[int]:
+    """The tags, all of them defined; those of curves and loops may have a sign."""
     for tag in tags:
-        if abs(tag) not in table:
+        if (abs(tag) if signed else tag) not in table:
             raise script.fault(f"{what} {tag} is not defined before; define it or correct the tag")
     if not tags:
         raise script.fault(f"an empty list where a {what} is needed; correct the statement")

@@ -9,12 +9,13 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from envs.rings import MOST_VERTICES
 from envs.types import DomainError
 
 TOKEN = re.compile(
-    r"""(?P<space>\s+|//[^\n]*|/\*.*?\*/)
+    r"""(?P<space>\s+|//[^\n]*|/\*.*?(?:\*/|(?P<open>\Z)))
       | (?P<text>"[^"\n]*")
       | (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
       | (?P<name>[A-Za-z_]\w*)
@@ -33,8 +34,7 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
 DEPTH = 50
 
 
-@dataclass(frozen=True)
-class Token:
+class Token(NamedTuple):
     """A word of the script: its kind (a group of ``TOKEN``, or ``end``), its text and its line."""
 
     kind: str
@@ -42,18 +42,22 @@ class Token:
     line: int
 
 
-def tokens(text: str, source: str) -> list[Token]:
-    """The words of a script, spaces and comments left out, and one of kind ``end``."""
-    found, at, line = [], 0, 1
+def tokens(text: str, source: str) -> Iterator[Token]:
+    """The words of a script, spaces and comments left out, and then one of kind ``end`` for ever."""
+    at, line = 0, 1
     while at < len(text):
         match = TOKEN.match(text, at)
         if match is None:
             raise DomainError(f"{source}: line {line}: {text[at]!r} is not understood; correct it there")
+        if match["open"] is not None:
+            raise DomainError(f"{source}: line {line}: a comment that does not end; close it with */")
+        word = match.group()
         if match.lastgroup != "space":
-            found.append(Token(str(match.lastgroup), match.group(), line))
-        line += match.group().count("\n")
+            yield Token(str(match.lastgroup), word, line)
+        line += word.count("\n")
         at = match.end()
-    return [*found, Token("end", "", line)]
+    while True:
+        yield Token("end", "", line)
 
 
 @dataclass
@@ -62,40 +66,39 @@ class Script:
 
     Attributes:
         source: the name that messages begin with.
-        words: its tokens.
-        at: the index of the next one.
+        words: its tokens from the next one on; read one by one, as there may be millions.
+        next: the next one.
+        depth: expressions in each other.
+        ranged: numbers that ranges stood for so far.
         variables: numbers by name.
         counters: what ``newp`` and the like stand for, by name.
     """
 
     source: str
-    words: list[Token]
-    at: int = 0
+    words: Iterator[Token]
+    next: Token = field(init=False)
     depth: int = 0
+    ranged: float = 0.0
     variables: dict[str, float] = field(default_factory=dict)
     counters: dict[str, Callable[[], int]] = field(default_factory=dict)
 
-    @property
-    def next(self) -> Token:
-        """The next token."""
-        return self.words[self.at]
+    def __post_init__(self) -> None:
+        self.next = next(self.words)
 
-    def fault(self, what: str) -> DomainError:
-        """The error for what is wrong at the next token."""
-        return DomainError(f"{self.source}: line {self.next.line}: {what}")
+    def fault(self, what: str, line: int | None = None) -> DomainError:
+        """The error for what is wrong on a line, without one at the next token."""
+        return DomainError(f"{self.source}: line {line or self.next.line}: {what}")
 
     def take(self) -> Token:
         """The next token, passed."""
-        token = self.next
-        if token.kind != "end":
-            self.at += 1
+        token, self.next = self.next, next(self.words)
         return token
 
     def taken(self, text: str) -> bool:
         """Whether the next token is this one; then it is passed."""
         if self.next.text != text or self.next.kind in ("text", "end"):
             return False
-        self.at += 1
+        self.take()
         return True
 
     def expect(self, text: str) -> None:
@@ -144,12 +147,10 @@ class Script:
 
     def stepped(self, first: float, last: float, step: float) -> Iterator[float]:
         """A range, its last value included."""
-        if (
-            step == 0.0
-            or not all(map(math.isfinite, (first, last, step)))
-            or abs((last - first) / step) > MOST_VERTICES
-        ):
-            raise self.fault(f"a range from {first:g} to {last:g} by {step:g}; correct it")
+        self.ranged += abs((last - first) / step) if step else math.inf
+        if not self.ranged <= MOST_VERTICES:
+            what = f"a range from {first:g} to {last:g} by {step:g}"
+            raise self.fault(f"{what}: all ranges together have more than {MOST_VERTICES:,} numbers; correct it")
         return (first + i * step for i in range(math.floor((last - first) / step + 1e-9) + 1))
 
     def number(self) -> float:
@@ -215,8 +216,7 @@ class Script:
             return float(token.text)
         if token.kind == "name":
             return self.named(token.text)
-        self.at -= token.kind != "end"
-        raise self.fault(f"{token.text[:40]!r} where a number is needed; correct the expression")
+        raise self.fault(f"{token.text[:40]!r} where a number is needed; correct the expression", token.line)
 
     def named(self, name: str) -> float:
         """What a name stands for."""

@@ -34,7 +34,7 @@ def coordinates_of(data: Any, source: str, depth: int = 0) -> list[Any]:
     if kind in ("FeatureCollection", "GeometryCollection"):
         key = "features" if kind == "FeatureCollection" else "geometries"
         return [found for member in members(data, key, source) for found in coordinates_of(member, source, depth + 1)]
-    named = f"type {kind!r}" if kind else "an object without a type"
+    named = f"type {kind[:40]!r}" if isinstance(kind, str) else "an object without a type"
     raise DomainError(f"{source}: GeoJSON {named} where a Polygon is needed; give a Polygon or a Feature with one")
 
 

@@ -10,8 +10,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from envs.readers.nesting import Rings
-from envs.rings import place
+from envs.rings import pairs_of, place
 from envs.types import DomainError, Floats, Ints
+
+#: Pairs of different curve ends that meet, at most.
+MOST_MEETING = 5_000_000
 
 
 def faces(pieces: Sequence[Floats], ends: Ints, source: str) -> list[list[Rings]]:
@@ -103,21 +106,35 @@ def open_message(pieces: Sequence[Floats], ends: Ints, piece: int, side: int, me
     return f"{line}, the nearest open end is {gaps[nearest]:.3g} away at {place(tips[nearest])}; close the outline"
 
 
-def joined(pieces: Sequence[Floats], tolerance: float) -> tuple[list[Floats], Ints]:
+def joined(pieces: Sequence[Floats], tolerance: float, source: str) -> tuple[list[Floats], Ints]:
     """Pieces whose ends, where they lie within a tolerance of each other, have been made one point.
 
     Args:
         pieces: each (k, 2); of the ends that meet, the first one's coordinates are kept.
         tolerance: largest distance of ends that meet.
+        source: the name that messages begin with.
 
     Returns:
         The pieces and their (p, 2) end nodes.
+
+    Raises:
+        DomainError: a drawing so small beside its extent that all of its ends would meet.
     """
     tips = np.array([piece[[0, -1]] for piece in pieces]).reshape(-1, 2)
-    points = shapely.points(tips)
-    i, j = shapely.STRtree(points).query(points, predicate="dwithin", distance=tolerance)
-    near = coo_array((np.ones(len(i)), (i, j)), shape=(len(tips), len(tips)))
-    label = connected_components(near, directed=False)[1]
+    distinct, number = np.unique(tips, axis=0, return_inverse=True)
+    points = shapely.points(distinct)
+    pairs, total = [], 0
+    for i, j in pairs_of(shapely.STRtree(points), points, "dwithin", tolerance):
+        pairs.append((i, j))
+        total += len(i)
+        if total > MOST_MEETING:
+            raise DomainError(
+                f"{source}: too many curves end within {tolerance:.3g} of each other; "
+                "remove what lies far from the rest"
+            )
+    i, j = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    near = coo_array((np.ones(len(i)), (i, j)), shape=(len(points), len(points)))
+    label = connected_components(near, directed=False)[1][number.ravel()]
     _, first = np.unique(label, return_index=True)
     snapped = tips[first[label]].reshape(-1, 2, 2)
     together = []

@@ -6,6 +6,7 @@ element has; where there are only line elements, they are chained into loops, an
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ import numpy as np
 
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
-from envs.rings import LARGEST_COORDINATE, extent
+from envs.readers.source import excerpt
+from envs.rings import LARGEST_COORDINATE, check_rings, extent
 from envs.types import DomainError, Floats, Ints
 
 #: Dimension, corners and nodes of Gmsh's element types.
@@ -26,6 +28,9 @@ ELEMENTS = {
 #: Out of the plane by at most this share of the extent.
 FLAT = 1e-6
 
+#: Whole numbers up to here are exact as floats.
+LARGEST_WHOLE = 2.0**53
+
 INT, SIZE, FLOAT = "i4", "u8", "f8"
 
 
@@ -34,13 +39,13 @@ class Section:
     """The numbers between ``$Name`` and ``$EndName``, taken one after another.
 
     Attributes:
-        words: the words of an ASCII section; empty for a binary one.
+        numbers: (n,) float64, those of an ASCII section; None for a binary one.
         content: the bytes of a binary section.
         order: ``<`` or ``>``, the byte order of a binary section.
-        at: words or bytes already taken.
+        at: numbers or bytes already taken.
     """
 
-    words: list[bytes]
+    numbers: Floats | None
     content: bytes
     order: str
     at: int = 0
@@ -53,10 +58,13 @@ class Section:
         """
         if count < 0:
             raise ValueError("a negative count")
-        if self.words:
-            taken = self.words[self.at : self.at + count]
+        if self.numbers is not None:
+            numbers = self.numbers[self.at : self.at + count]
             self.at += count
-            numbers = np.array(taken, dtype=np.float64 if kind == FLOAT else np.int64)
+            if kind != FLOAT:
+                if not (np.abs(numbers) <= LARGEST_WHOLE).all() or (numbers != np.floor(numbers)).any():
+                    raise ValueError("a number that is not whole")
+                numbers = numbers.astype(np.int64)
         else:
             stored = np.dtype(self.order + kind)
             size = count * stored.itemsize
@@ -99,7 +107,9 @@ def polygons_of_msh(path: Path, edge_length: float | None = None) -> list[list[A
     try:
         mesh = mesh_of(path.read_bytes())
     except (ValueError, OverflowError, IndexError, KeyError) as error:
-        raise DomainError(f"{source}: not a valid Gmsh mesh ({str(error)[:80]}); save it again, version 4.1") from None
+        raise DomainError(
+            f"{source}: not a valid Gmsh mesh ({excerpt(str(error), 80)}); save it again, version 4.1"
+        ) from None
     used = np.concatenate([np.unique(block) for block in (*mesh.lines, *mesh.corners)] or [np.empty(0, np.int64)])
     if not len(used):
         raise DomainError(f"{source}: no line and no surface elements; save the boundary with the mesh")
@@ -113,8 +123,10 @@ def polygons_of_msh(path: Path, edge_length: float | None = None) -> list[list[A
     points = np.ascontiguousarray(mesh.points[:, :2])
     if not mesh.corners:
         edges = np.concatenate(mesh.lines)
-        return nested(faces(list(points[edges]), edges, source))
-    return [rings for edges in borders(mesh) for rings in nested(faces(list(points[edges]), edges, source))]
+        return nested(faces(list(points[edges]), edges, source), source)
+    outlines = borders(mesh)
+    check_rings(len(outlines), source)
+    return [rings for edges in outlines for rings in nested(faces(list(points[edges]), edges, source), source)]
 
 
 def borders(mesh: Mesh) -> list[Ints]:
@@ -128,7 +140,8 @@ def borders(mesh: Mesh) -> list[Ints]:
     rows = np.column_stack([surface, np.sort(edges, axis=1)])
     _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
     border = np.sort(first[count == 1])
-    return [edges[border[surface[border] == tag]] for tag in np.unique(surface)]
+    border = border[np.argsort(surface[border], kind="stable")]
+    return np.split(edges[border], np.flatnonzero(np.diff(surface[border])) + 1)
 
 
 def mesh_of(content: bytes) -> Mesh:
@@ -160,8 +173,18 @@ def section(content: bytes, name: bytes, binary: bool, order: str) -> Section:
     if not found or not closed:
         raise ValueError(f"no ${name.decode()} section")
     if not binary:
-        return Section(inside.split() or [b""], b"", order)
-    return Section([], inside.partition(b"\n")[2], order)
+        return Section(numbers_in(inside), b"", order)
+    return Section(None, inside.partition(b"\n")[2], order)
+
+
+def numbers_in(text: bytes) -> Floats:
+    """(n,) the numbers in an ASCII section."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # what NumPy says when it stops before the end
+        try:
+            return np.fromstring(text.strip(), sep=" ")
+        except DeprecationWarning:
+            raise ValueError("something else than numbers") from None
 
 
 class Index:
@@ -200,7 +223,7 @@ def elements_2(data: Section, binary: bool, mesh: Mesh, index: Index) -> Mesh:
     """The mesh with its elements of version 2.2: ``number type tags... nodes...`` each."""
     if binary:
         line, _, rows = data.content.partition(b"\n")
-        data, total = Section([], rows, data.order), int(line)
+        data, total = Section(None, rows, data.order), int(line)
     else:
         total = data.one(SIZE)
     found: dict[int, tuple[list[Ints], list[Ints]]] = {}

@@ -7,14 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from envs.rings import LARGEST_COORDINATE
-from envs.types import Floats
+from envs.rings import LARGEST_COORDINATE, check_rings, pairs_of
+from envs.types import DomainError, Floats
 
 #: The rings of one polygon, the outer one first.
 Rings = list[Floats]
 
+#: Pairs of a ring and one around it, at most.
+MOST_INSIDE = 5_000_000
 
-def nested(groups: Sequence[Sequence[Rings]]) -> list[Rings]:
+
+def nested(groups: Sequence[Sequence[Rings]], source: str) -> list[Rings]:
     """Polygons of groups of faces: a group inside an even number of others is solid, inside an odd number a hole.
 
     ::
@@ -29,25 +32,34 @@ def nested(groups: Sequence[Sequence[Rings]]) -> list[Rings]:
 
     Args:
         groups: each the faces of one connected drawing, each face its rings; groups do not cross each other.
+        source: the name that messages begin with.
 
     Returns:
         The rings of each polygon, outer ones in the order given; of two equal groups one is kept.
+
+    Raises:
+        DomainError: too many rings, or rings in each other.
     """
+    check_rings(sum(len(rings) for group in groups for rings in group), source)
     groups = without_copies(groups)
     outlines = [outline_of(group) for group in groups]
     shapes = [shape_of(outline) for outline in outlines]
     areas = shapely.area(shapes).tolist()
-    around = containing(shapes, areas)
+    around = containing(shapes, areas, source)
     polygons: dict[tuple[int, int], Rings] = {
         (g, f): list(rings)
         for g, group in enumerate(groups)
         if len(around[g]) % 2 == 0
         for f, rings in enumerate(group)
     }
-    for g, outline in enumerate(outlines):
+    holes: dict[int, list[int]] = {}
+    for g in range(len(groups)):
         if len(around[g]) % 2:
-            parent = min(around[g], key=areas.__getitem__)
-            polygons[parent, face_around(groups[parent], outline[0])].extend(outline)
+            holes.setdefault(min(around[g], key=areas.__getitem__), []).append(g)
+    for parent, inside in holes.items():
+        found = faces_around(groups[parent], [outlines[g][0] for g in inside])
+        for g, face in zip(inside, found, strict=True):
+            polygons[parent, face].extend(outlines[g])
     return list(polygons.values())
 
 
@@ -68,13 +80,17 @@ def outline_of(group: Sequence[Rings]) -> Rings:
     return [np.asarray(part.exterior.coords)[:-1] for part in shapely.get_parts(whole)]
 
 
-def containing(shapes: Sequence[shapely.Geometry], areas: Sequence[float]) -> list[list[int]]:
+def containing(shapes: Sequence[shapely.Geometry], areas: Sequence[float], source: str) -> list[list[int]]:
     """For each shape the larger ones that contain it."""
     found: list[list[int]] = [[] for _ in shapes]
-    inner, outer = shapely.STRtree(shapes).query(shapely.point_on_surface(shapes), predicate="within")
-    for i, j in zip(inner.tolist(), outer.tolist(), strict=True):
-        if areas[j] > areas[i]:
-            found[i].append(j)
+    total = 0
+    for inner, outer in pairs_of(shapely.STRtree(shapes), shapely.point_on_surface(shapes), "within"):
+        total += len(inner)
+        if total > MOST_INSIDE:
+            raise DomainError(f"{source}: too many rings inside each other; remove copies, or split the file")
+        for i, j in zip(inner.tolist(), outer.tolist(), strict=True):
+            if areas[j] > areas[i]:
+                found[i].append(j)
     return found
 
 
@@ -85,10 +101,11 @@ def shape_of(outline: Rings) -> shapely.Geometry:
     return whole if whole.is_valid else shapely.MultiPolygon()
 
 
-def face_around(group: Sequence[Rings], hole: Floats) -> int:
-    """Which face of a group contains a hole."""
+def faces_around(group: Sequence[Rings], holes: Sequence[Floats]) -> list[int]:
+    """For each hole, which face of a group contains it."""
     if len(group) == 1:
-        return 0
-    shapes = [shapely.Polygon(rings[0]) for rings in group]
-    inside = shapely.within(shapely.Polygon(hole).point_on_surface(), shapes)
-    return min(np.flatnonzero(inside).tolist(), key=lambda f: shapes[f].area, default=0)
+        return [0] * len(holes)
+    shapes = np.array([shapely.Polygon(rings[0]) for rings in group])
+    tree, areas = shapely.STRtree(shapes), shapely.area(shapes)
+    places = [shapely.Polygon(hole).point_on_surface() for hole in holes]
+    return [min(tree.query(at, predicate="within").tolist(), key=areas.__getitem__, default=0) for at in places]

@@ -7,20 +7,23 @@ from pathlib import Path
 
 from envs.types import DomainError
 
-#: Bytes of a polygon file at most.
-MOST_BYTES = 200_000_000
+#: Bytes of a polygon file at most: a hundred for each vertex ...
+MOST_BYTES = 100_000_000
+
+#: ... but where each takes more time and memory, or where most are of no outline.
+MOST_BYTES_OF = {".dxf": 20_000_000, ".geo": 20_000_000, ".msh": 200_000_000}
 
 
 def check_file(path: Path) -> None:
     """Refuse what is no file, or too large a one.
 
     Raises:
-        DomainError: no such file, a folder or a device, no permission, or more than ``MOST_BYTES``.
+        DomainError: no such file, a folder or a device, no permission, or too many bytes.
     """
     try:
         status = path.stat()
-        with path.open("rb"):
-            pass
+        if stat.S_ISREG(status.st_mode):  # to open a pipe waits for its other end
+            path.open("rb").close()
     except FileNotFoundError:
         raise DomainError(f"{path}: no such file; check the path") from None
     except OSError as error:
@@ -29,11 +32,20 @@ def check_file(path: Path) -> None:
         raise DomainError(f"{path!r}: cannot be read ({error}); check the path") from None
     if not stat.S_ISREG(status.st_mode):
         raise DomainError(f"{path}: cannot be read (not a regular file); save the polygon to one")
-    if status.st_size > MOST_BYTES:
+    most = MOST_BYTES_OF.get(path.suffix.lower(), MOST_BYTES)
+    if status.st_size > most:
         raise DomainError(
-            f"{path}: {status.st_size / 1e6:.0f} MB, more than the {MOST_BYTES / 1e6:.0f} MB a polygon file may have; "
+            f"{path}: {status.st_size / 1e6:.0f} MB, more than the {most / 1e6:.0f} MB such a file may have; "
             "split or simplify it"
         )
+
+
+def excerpt(text: str, most: int = 60) -> str:
+    """What a message quotes of a file: the beginning, and what is not to be printed (line ends, commands to the
+    terminal) as its code.
+    """
+    beginning = text if len(text) <= most else f"{text[: most - 3]}..."
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in beginning)
 
 
 def text_of(path: Path) -> str:

@@ -14,17 +14,22 @@ import numpy as np
 
 from envs.readers.nesting import nested
 from envs.readers.source import text_of
+from envs.rings import check_count
 from envs.types import DomainError, Floats
+
+#: Lines without a vertex, at most.
+MOST_OTHER_LINES = 100_000
 
 
 def polygons_of_table(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every polygon in a table of vertices."""
     rings = rings_of_table(text_of(path), str(path))
-    return nested([[[ring]] for ring in rings])
+    return nested([[[ring]] for ring in rings], str(path))
 
 
 def rings_of_table(text: str, source: str) -> list[Floats]:
     """The rings of a table, each (n, 2) float64, in order of appearance."""
+    check_count(text.count("\n") - MOST_OTHER_LINES, source)
     lines = [line.partition("#")[0].strip() for line in text.splitlines()]
     rows = [(number, cells(line)) for number, line in enumerate(lines, 1)]
     first = next((i for i, (_, row) in enumerate(rows) if row), None)

@@ -1,0 +1,83 @@
+"""NumPy archives (``.npz``) from anywhere: plain numbers and texts of a bounded size; nothing is unpickled."""
+
+from __future__ import annotations
+
+import lzma
+import math
+import os
+import struct
+import zipfile
+import zlib
+from io import BytesIO
+
+import numpy as np
+from numpy.lib import format as npy
+
+#: Bytes of an archive at most, packed and unpacked.
+MOST_BYTES = 50_000_000
+
+#: Arrays in it at most.
+MOST_ARRAYS = 1000
+
+#: What its arrays can hold: truth values, whole numbers, floats, text.
+KINDS = "biufU"
+
+#: What `zipfile` raises of damaged archives; the last two of encrypted ones and of other methods of packing.
+DAMAGES = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, RuntimeError, NotImplementedError,
+)  # fmt: skip
+
+HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+
+
+def read_arrays(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+    """The arrays of an archive by name, read-only.
+
+    Nothing is allocated for what a header merely says is there.
+
+    Raises:
+        ValueError: it is no archive, damaged, too large when unpacked, or holds something else than numbers and texts.
+    """
+    if os.path.getsize(path) > MOST_BYTES:
+        raise ValueError(f"larger than {MOST_BYTES:,} bytes")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if len(members) > MOST_ARRAYS or sum(member.file_size for member in members) > MOST_BYTES:
+                raise ValueError(f"more than {MOST_ARRAYS:,} arrays, or {MOST_BYTES:,} bytes when unpacked")
+            return {member.filename.removesuffix(".npy"): array_in(archive.read(member)) for member in members}
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+        struct.error,
+        EOFError,
+        NotImplementedError,
+        OSError,
+    ) as error:
+        raise ValueError(f"no sound archive: {error}") from error
+    except RuntimeError as error:  # an encrypted one
+        raise ValueError(str(error)) from error
+
+
+def array_in(content: bytes) -> np.ndarray:
+    """The array in the content of a ``.npy`` file.
+
+    Raises:
+        ValueError: it is none, or one of something else than `KINDS`.
+    """
+    file = BytesIO(content)
+    read_header = HEADERS.get(npy.read_magic(file))
+    if read_header is None:
+        raise ValueError("an array of an unknown version")
+    try:
+        shape, fortran_order, dtype = read_header(file)
+    except (SyntaxError, MemoryError, RecursionError) as error:  # of the literal that the header is
+        raise ValueError("an array with a damaged header") from error
+    if dtype.kind not in KINDS or any(length < 0 for length in shape):
+        raise ValueError(f"an array of {dtype.kind!r}, which is neither numbers nor text")
+    count = math.prod(shape)
+    if count * dtype.itemsize != len(content) - file.tell():
+        raise ValueError("an array of another size than its header says")
+    flat = np.frombuffer(content, dtype, count, file.tell()) if count and dtype.itemsize else np.zeros(count, dtype)
+    return flat.reshape(shape, order="F" if fortran_order else "C")
