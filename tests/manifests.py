@@ -14,6 +14,7 @@ from typing import Any
 import jsonschema
 import pytest
 import yaml
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parent.parent
 DEPLOY = ROOT / "deploy"
@@ -21,6 +22,7 @@ KUBERNETES = DEPLOY / "kubernetes"
 README = (DEPLOY / "README.md").read_text()
 DOCKERFILE = (DEPLOY / "Dockerfile").read_text()
 COMPOSE = yaml.safe_load((DEPLOY / "compose.yaml").read_text())
+SERVICES = COMPOSE["services"]
 
 #: What `kubectl apply -k` is given.
 BUILDS = sorted(
@@ -28,6 +30,21 @@ BUILDS = sorted(
     for folder in ("overlays", "jobs")
     for path in (KUBERNETES / folder).rglob("kustomization.yaml")
 )
+
+
+def pins(path: Path) -> dict[str, str]:
+    """The versions of a lock file, all of them exact."""
+    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
+    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in lines)
+    return {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
+
+
+LOCKED = pins(ROOT / "requirements.lock")
+
+
+def is_secret(name: str) -> bool:
+    """Whether a variable of that name holds a secret."""
+    return bool(re.search("PASSWORD|TOKEN|SECRET|KEY", name))
 
 
 def documents(path: Path) -> list[Any]:
@@ -88,13 +105,13 @@ def readme_lines() -> list[list[str]]:
 
 def command_lines() -> dict[str, list[str]]:
     """Every command line of Ray, MLflow and this package, by where it stands."""
-    found = {
-        f"compose {name}": service["command"] for name, service in COMPOSE["services"].items() if "command" in service
-    }
-    for document in base():
-        for container in containers(document):
-            if "args" in container:
-                found[f"base {container['name']}"] = container["args"]
+    found = {f"compose {name}": service["command"] for name, service in SERVICES.items() if "command" in service}
+    for mapping in mappings(base()):
+        if "args" in mapping:
+            found[f"base {mapping['name']}"] = mapping["args"]
+        if "rayStartParams" in mapping:
+            options = [f"--{key}={value}" for key, value in mapping["rayStartParams"].items()]
+            found[f"base {mapping.get('groupName', 'head')}"] = ["ray", "start", *options]
     for path in sorted((KUBERNETES / "jobs").rglob("rayjob.yaml")):
         found[f"job {path.parent.name}"] = shlex.split(documents(path)[0]["spec"]["entrypoint"])
     for i, words in enumerate(readme_lines()):

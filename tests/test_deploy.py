@@ -1,41 +1,35 @@
-"""The deployment holds together: versions, fields, command lines, and what nobody may reach, read or write."""
+"""The deployment holds together: fields, versions, secrets, and what nobody may reach or do."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from typing import Any
 
-import click
 import jsonschema
 import manifests
 import pytest
 import yaml
-from manifests import BUILDS, COMPOSE, DEPLOY, DOCKERFILE, KUBERNETES, README, ROOT, containers, mappings, templates
-from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
+from manifests import (
+    BUILDS,
+    COMPOSE,
+    DEPLOY,
+    DOCKERFILE,
+    KUBERNETES,
+    LOCKED,
+    README,
+    ROOT,
+    SERVICES,
+    containers,
+    is_secret,
+    mappings,
+    templates,
+)
 
-from freemesh_ray import cli, config
-from freemesh_ray.study import definition as studies
+from freemesh_ray import config
 
-PROJECT = (ROOT / "pyproject.toml").read_text()
-SERVICES = COMPOSE["services"]
-COMMANDS = manifests.command_lines()
 MOUNTED = "/shared"
-
-
-def pins(path: Path) -> dict[str, str]:
-    """The versions of a lock file, all of them exact."""
-    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
-    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in lines)
-    return {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
-
-
-LOCKED = pins(ROOT / "requirements.lock")
-ADDED = pins(DEPLOY / "requirements.lock")
-VERSION = re.search(r'^version = "(.+)"', PROJECT, re.M)[1]  # type: ignore[index]
+VERSION = re.search(r'^version = "(.+)"', (ROOT / "pyproject.toml").read_text(), re.M)[1]
 IMAGE = f"freemesh-ray:{VERSION}-ray{LOCKED['ray']}"
 
 
@@ -117,126 +111,6 @@ def test_built_images_have_their_tag() -> None:
         assert {container["image"] for container in containers(manifests.built(build)) if "image" in container} <= known
 
 
-def test_locks_do_not_overlap() -> None:
-    assert not LOCKED.keys() & ADDED.keys()
-
-
-def test_every_package_of_the_image_is_pinned() -> None:
-    """What pip finds on the way from the package's requirements, followed through what is installed here."""
-    named = re.search(r"^dependencies = \[(.*?)^\]", PROJECT, re.M | re.S)[1]  # type: ignore[index]
-    left = [*re.findall(r'"(.+)"', named), "ray[default]", "psycopg2-binary", "setuptools"]
-    seen: set[tuple[str, str]] = set()
-    while left:
-        requirement = Requirement(left.pop())
-        for extra in requirement.extras or {""}:
-            name = canonicalize_name(requirement.name)
-            if (name, extra) in seen:
-                continue
-            seen.add((name, extra))
-            assert name in LOCKED or name in ADDED, name
-            if name == "torch":
-                continue  # with what its build needs, from an index of its own
-            try:
-                needed = requires(name) or []
-            except PackageNotFoundError:
-                continue
-            left += [
-                line
-                for line in needed
-                if (marker := Requirement(line).marker) is None or marker.evaluate({"extra": extra})
-            ]
-
-
-# Command lines
-
-
-def click_context(command: click.Command, words: Sequence[str]) -> click.Context:
-    """What click understands of a command line; nothing is run.
-
-    Raises:
-        click.UsageError: it does not understand it.
-    """
-    context = command.make_context(words[0], list(words[1:]))
-    while isinstance(command, click.Group):
-        rest = [*getattr(context, "_protected_args", ()), *context.args]
-        name, found, rest = command.resolve_command(context, rest)
-        assert found is not None
-        command, context = found, found.make_context(name, rest, parent=context)
-    return context
-
-
-def settings_of(words: Sequence[str]) -> dict[str, Any] | None:
-    """The settings that a command line of this package trains with; None where it does not train."""
-    options = cli.parser().parse_args(words)
-    if options.command == "train":
-        return dict(config.load(options.config, options.set))
-    if options.command == "study":
-        return dict(studies.load(options.study, options.set).settings_of_all())
-    return None
-
-
-def allowed_hosts() -> list[set[str]]:
-    """The names that each MLflow server of the deployment answers to."""
-    from mlflow.cli import cli as mlflow
-
-    servers = [words for words in COMMANDS.values() if words[:2] == ["mlflow", "server"]]
-    return [set(click_context(mlflow, words).params["allowed_hosts"].split(",")) for words in servers]
-
-
-@pytest.mark.parametrize("place", COMMANDS)
-def test_command_lines_parse(place: str) -> None:
-    words = COMMANDS[place]
-    if words[0] == "mlflow":
-        from mlflow.cli import cli as mlflow
-
-        assert click_context(mlflow, words).command.name in ("server", "upgrade")
-        return
-    if words[0] == "ray":
-        from ray.scripts.scripts import cli as ray
-
-        context = click_context(ray, words)
-        assert context.command.name in ("start", "submit")
-        words = list(context.params.get("entrypoint", ()))
-    if words[:3] == ["python", "-m", "freemesh_ray"]:
-        settings = settings_of(words[3:])
-        assert settings is not None
-        assert "--resume" in words
-        assert all(path.startswith(f"{MOUNTED}/") for path in settings["paths"].values())
-        hosts = allowed_hosts()
-        assert len(hosts) == 2
-        assert all(settings["tracking"]["uri"].removeprefix("http://") in names for names in hosts)
-    elif words and words[0] == "freemesh":
-        with pytest.raises(SystemExit, match="0"):
-            cli.parser().parse_args(words[1:])
-    else:
-        assert place in ("compose head", "compose worker")
-
-
-def test_all_kinds_of_command_lines_are_found() -> None:
-    assert {place.split()[0] for place in COMMANDS} == {"compose", "base", "job", "README", "image"}
-    assert len(COMMANDS) >= 10
-
-
-def test_ray_start_parameters_parse(objects: list[dict[str, Any]]) -> None:
-    from ray.scripts.scripts import cli as ray
-
-    for mapping in mappings(objects):
-        if "rayStartParams" in mapping:
-            options = [f"--{key}={value}" for key, value in mapping["rayStartParams"].items()]
-            click_context(ray, ["ray", "start", "--block", *options])
-
-
-def test_readme_names_what_is_there() -> None:
-    words = [word for line in manifests.readme_lines() for word in line]
-    paths = [word for word in words if word.startswith("deploy/") and ".env" not in word]
-    paths += [f"deploy/{link}" for link in re.findall(r"\]\(([^)#]+)\)", README)]
-    assert len(paths) >= 8
-    for path in paths:
-        assert (ROOT / path).exists(), path
-    for folder in (KUBERNETES / "overlays").iterdir():
-        assert f"| `{folder.name}` |" in README
-
-
 # Secrets
 
 
@@ -246,11 +120,6 @@ def test_no_secret_is_written_down() -> None:
         assert not re.search(r"kind: Secret|secretGenerator|stringData", text), path
         assert not re.search(r"://[^/\s:@]+:[^/\s@]+@", text), path
         assert not re.search(r"\b[0-9a-f]{32,}\b", text), path
-
-
-def is_secret(name: str) -> bool:
-    """Whether a variable of that name holds a secret."""
-    return bool(re.search("PASSWORD|TOKEN|SECRET|KEY", name))
 
 
 def test_secrets_are_referred_to(objects: list[dict[str, Any]]) -> None:
@@ -363,7 +232,7 @@ def test_compose_services_are_locked_down(name: str) -> None:
 def quantity(text: str) -> float:
     """A Kubernetes quantity as a number: CPUs or bytes."""
     scales = {"": 1.0, "m": 1e-3, "Mi": 2.0**20, "Gi": 2.0**30}
-    number, unit = re.fullmatch(r"([\d.]+)(\D*)", text).groups()  # type: ignore[union-attr]
+    number, unit = re.fullmatch(r"([\d.]+)(\D*)", text).groups()
     return float(number) * scales[unit]
 
 
@@ -461,45 +330,3 @@ def test_the_nightly_job_is_the_study() -> None:
     assert nightly["kind"] == "RayCronJob"
     assert nightly["spec"]["jobTemplate"] == study["spec"]
     assert re.fullmatch(r"(\S+ ){4}\S+", nightly["spec"]["schedule"])
-
-
-# The image
-
-
-def instructions(name: str) -> list[str]:
-    """The arguments of a Dockerfile's instruction, continued lines joined."""
-    return re.findall(rf"^{name} (.+)$", DOCKERFILE.replace("\\\n", " "), re.M)
-
-
-def test_the_image_is_built_from_pinned_parts() -> None:
-    assert re.fullmatch(r"PYTHON_IMAGE=python:3\.11\.\d+-slim-\w+", instructions("ARG")[0])
-    assert instructions("FROM") == ["${PYTHON_IMAGE} AS build", "${PYTHON_IMAGE}"]
-    assert re.findall(r"torch==([\d.]+)", DOCKERFILE) == [LOCKED["torch"]]
-    assert "TORCH_INDEX=https://download.pytorch.org/whl/cpu" in instructions("ARG")
-    installs = [line for line in instructions("RUN") if "pip install" in line]
-    assert all("--constraint" in line or "--index-url" in line or "--no-deps" in line for line in installs)
-
-
-def test_the_image_fetches_nothing_by_hand() -> None:
-    assert not instructions("ADD")
-    assert not re.search(r"(curl|wget) \S*http|\| *(ba)?sh", DOCKERFILE)
-    assert not any(is_secret(line) for line in instructions("ARG") + instructions("ENV"))
-
-
-def test_the_image_runs_as_the_manifests_say() -> None:
-    assert instructions("USER") == [SERVICES["head"]["user"]] == [SERVICES["mlflow"]["user"]]
-    assert instructions("ENTRYPOINT") == ['["tini", "-g", "--"]']
-    users = {pod["spec"]["securityContext"]["runAsUser"] for pod in templates(manifests.base())}
-    assert users == {10001, 999}
-    made = re.search(r"install --directory (.+)", DOCKERFILE)[1].split()  # type: ignore[index]
-    for service in (SERVICES[name] for name in ("head", "worker", "mlflow")):
-        assert {mount.split(":")[1] for mount in service["volumes"]} <= set(made)
-
-
-def test_the_build_sees_only_what_it_copies() -> None:
-    ignored = (DEPLOY / "Dockerfile.dockerignore").read_text().splitlines()
-    assert ignored[1] == "*"
-    allowed = {line[1:] for line in ignored if line.startswith("!")}
-    copied = {source for line in instructions("COPY") if "--from" not in line for source in line.split()[:-1]}
-    assert copied == allowed
-    assert all((ROOT / source).exists() for source in copied)
