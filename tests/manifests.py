@@ -7,8 +7,9 @@ import re
 import shlex
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import jsonschema
@@ -88,9 +89,25 @@ def containers(node: Any) -> list[dict[str, Any]]:
     return made + [mapping["autoscalerOptions"] for mapping in mappings(node) if "autoscalerOptions" in mapping]
 
 
-def expanded(text: str) -> str:
-    """Compose's interpolation with nothing set: ``${NAME:-default}`` is the default."""
-    return re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", text)
+def expanded(text: str, values: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Compose's interpolation: ``${NAME:-default}`` and ``${NAME:?message}``, each its value, else as it stands there."""
+    return re.sub(r"\$\{(\w+):[-?]([^}]*)\}", lambda match: values.get(match[1], match[2]), text)
+
+
+def required_variables() -> set[str]:
+    """What compose.yaml does not start without."""
+    return set(re.findall(r"\$\{(\w+):\?", (DEPLOY / "compose.yaml").read_text()))
+
+
+def instructions(name: str) -> list[str]:
+    """The arguments of a Dockerfile's instruction, continued lines joined."""
+    return re.findall(rf"^{name} (.+)$", DOCKERFILE.replace("\\\n", " "), re.M)
+
+
+def image_environment() -> dict[str, str]:
+    """The variables that the image sets, but PATH."""
+    pairs = [pair.split("=", 1) for pair in shlex.split(instructions("ENV")[-1])]
+    return {name: value for name, value in pairs if name != "PATH"}
 
 
 def readme_lines() -> list[list[str]]:
