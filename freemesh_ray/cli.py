@@ -207,10 +207,11 @@ def train(options: argparse.Namespace) -> int:
     from freemesh_ray import config
     from freemesh_ray.console import Progress, train_table
     from freemesh_ray.local_ray import local_ray
+    from freemesh_ray.places import Places
     from freemesh_ray.train import prepare
     from freemesh_ray.train import train as run
 
-    settings = config.load(options.config, options.set)
+    settings = Places.here().settled(config.load(options.config, options.set))
     prepare(settings, options.resume)
     progress = Progress(sys.stdout)
     with local_ray(settings["runners"]["count"]):
@@ -317,13 +318,15 @@ def bench(options: argparse.Namespace) -> int:
 
 def sync(options: argparse.Namespace) -> int:
     """``freemesh sync``."""
+    from freemesh_ray.places import Places
     from freemesh_ray.studies import StudyFolder
     from freemesh_ray.tracking import TrackingError
     from freemesh_ray.tracking import sync as deliver
 
     try:
-        runs = StudyFolder(Path(options.folder)).run_folders()
-        print(f"delivered {deliver(options.folder, options.uri, also=runs)} entries of {options.folder}")
+        folder = Places.here().home / options.folder
+        runs = StudyFolder(folder).run_folders()
+        print(f"delivered {deliver(folder, options.uri, also=runs)} entries of {options.folder}")
     except TrackingError as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return FAILED

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from envs.types import Domain
+from freemesh_ray.places import shown
 from freemesh_ray.table import duration, number, table
 
 if TYPE_CHECKING:  # a mesh needs no training
@@ -94,14 +95,14 @@ def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
         f"trained {progress.env_steps:,} steps, {progress.updates:,} updates in {duration(progress.seconds)}"
         f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s)",
         f"best policy from step {progress.best_steps:,}",
-        f"policy      {trained.policy}",
-        f"checkpoint  {trained.checkpoint}",
-        f"curve       {trained.curve}",
+        f"policy      {shown(trained.policy)}",
+        f"checkpoint  {shown(trained.checkpoint)}",
+        f"curve       {shown(trained.curve)}",
     ]
-    lines += [f"{entry.domain:<11} {'  '.join(map(str, entry.files)) or entry.reason}" for entry in trained.produced]
+    lines += [f"{entry.domain:<11} {'  '.join(map(shown, entry.files)) or entry.reason}" for entry in trained.produced]
     tracking = config["tracking"]
     if tracking["enabled"]:
-        uri = tracking["uri"]
+        uri = shown(tracking["uri"])
         local = uri.startswith("sqlite")
         lines.append(f"compare     {f'.venv/bin/mlflow ui --backend-store-uri {uri}' if local else uri}")
     return "\n".join(lines)

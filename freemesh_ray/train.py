@@ -94,7 +94,7 @@ def train(
     """The whole main job.
 
     Args:
-        config: a complete tree (``config.load``).
+        config: a complete tree (``config.load``), its places settled (`places`).
         resume: go on from the run's newest checkpoint; without one, begin.
         make: the algorithm's factory.
         report, note, interrupted: see Training.

@@ -69,7 +69,7 @@ SCHEMA: dict[str, Field] = {
     "checkpoint.interval": Field(int, 1, COUNT),
     "checkpoint.keep": Field(int, 1, 1000),
     "tracking.uri": Field(
-        str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT"
+        str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT", optional=True
     ),
     "tracking.experiment": Field(str),
     "tracking.enabled": Field(bool),

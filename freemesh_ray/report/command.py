@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from freemesh_ray.places import Places, shown
+
 EPILOG = """\
 examples:
   freemesh report algorithms
@@ -43,10 +45,10 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.report.report import write
 
     out, docs = (Path(folder) if folder else None for folder in (options.out, options.docs))
-    folder = Path(options.studies) / options.study
+    folder = Places.here().home / options.studies / options.study
     path = write(folder, out=out, docs=docs, episodes=options.episodes, note=note)
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
-        print(file)
+        print(shown(file))
     return 0
 
 

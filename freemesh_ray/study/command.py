@@ -8,6 +8,7 @@ from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from freemesh_ray.places import shown
 from freemesh_ray.table import table
 
 if TYPE_CHECKING:
@@ -155,6 +156,6 @@ def _closing(studied: Studied, study: Study) -> str:
     lines.append(f"report  {studied.folder.report / 'report.md'}")
     tracking = study.settings_of_all()["tracking"]
     if tracking["enabled"]:
-        uri = tracking["uri"]
+        uri = shown(tracking["uri"])
         lines.append(f"compare {f'mlflow ui --backend-store-uri {uri}' if uri.startswith('sqlite') else uri}")
     return "\n".join(lines)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import yaml
 from freemesh_ray import config
 from freemesh_ray.config import ConfigError, Field, Layer
 from freemesh_ray.evaluate import FIGURES, KINDS
+from freemesh_ray.places import Places
 from freemesh_ray.study.space import Space, read_space
 
 LABEL = Field(str, pattern=r"[\w.+=, -]{1,60}", hint="up to 60 letters, digits, spaces and . + = , _ -")
@@ -89,6 +90,7 @@ class Study:
         search: None for a study of variants.
         settings: what all trials share.
         last: ``key=value`` settings, over everything.
+        places: where its trees' places lie.
     """
 
     name: str
@@ -104,6 +106,7 @@ class Study:
     search: Search | None
     settings: Layer
     last: Sequence[Layer] = ()
+    places: Places = field(default_factory=Places.here)
 
     def seeds_of(self, label: str) -> Sequence[int]:
         """The seeds that a variant is trained with."""
@@ -120,11 +123,12 @@ class Study:
         """
         layers = [self.settings, *([self.variants[label]] if label is not None else []), *self.last]
         chosen = {key: list(value) if isinstance(value, tuple) else value for key, value in (drawn or {}).items()}
-        return config.resolve([*layers, config.value_layer({**chosen, "seed": seed}, f"study {self.name}")])
+        own = config.value_layer({**chosen, "seed": seed}, f"study {self.name}")
+        return self.places.settled(config.resolve([*layers, own]))
 
     def settings_of_all(self) -> dict[str, Any]:
         """The complete tree without what trials differ in."""
-        return config.resolve([self.settings, *self.last])
+        return self.places.settled(config.resolve([self.settings, *self.last]))
 
     def tree(self) -> dict[str, Any]:
         """The study as a plain tree, to be written down."""

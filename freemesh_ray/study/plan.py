@@ -127,5 +127,5 @@ def identity(config: Mapping[str, Any], source: str) -> str:
 
 
 def placed(config: Mapping[str, Any], runs: Path, name: str) -> dict[str, Any]:
-    """The tree with its run folder at ``runs / name``, whatever the working directory of who reads it."""
-    return {**config, "name": name, "paths": {**config["paths"], "runs": str(runs.absolute())}}
+    """The tree with its run folder at ``runs / name``."""
+    return {**config, "name": name, "paths": {**config["paths"], "runs": str(runs)}}

@@ -64,7 +64,7 @@ class Studied:
 def plan_of(study: Study) -> tuple[StudyFolder, Plan, list[Entry]]:
     """Where a study lies, its plan, and its trials as far as they are known before it runs."""
     settings = study.settings_of_all()
-    folder = StudyFolder(Path(settings["paths"]["studies"]).absolute() / study.name)
+    folder = StudyFolder(Path(settings["paths"]["studies"]) / study.name)
     if study.search:
         return folder, Drawn(study, folder.runs), []
     plan = variants(study, source())

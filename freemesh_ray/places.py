@@ -1,0 +1,65 @@
+"""Where runs, studies and the tracking store lie: what a configuration leaves relative is settled once, at its start.
+
+FREEMESH_HOME         the folder that relative ``paths.runs``, ``paths.studies`` and ``sqlite:///file`` are below;
+                      unset, it is the current folder, and ``~/freemesh`` in a job of a Ray cluster, whose current
+                      folder is a copy that goes with it
+MLFLOW_TRACKING_URI   the tracking store where ``tracking.uri`` is null; unset, it is ``sqlite:///mlflow.db``
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from freemesh_ray.config import SCHEMA, check
+
+HOME, STORE = "FREEMESH_HOME", "MLFLOW_TRACKING_URI"
+#: Ray sets it for the driver of a job, and for nothing else.
+JOB = "RAY_JOB_CONFIG_JSON_ENV_VAR"
+SQLITE = "sqlite:///"
+
+
+@dataclass(frozen=True)
+class Places:
+    """What relative places are relative to; taken from the environment once, it holds on every machine.
+
+    Attributes:
+        home: an absolute folder; it need not exist.
+        store: the tracking store of configurations that name none.
+    """
+
+    home: Path
+    store: str
+
+    @classmethod
+    def here(cls) -> Self:
+        """As this process's environment has it."""
+        given = os.environ.get(HOME) or ("~/freemesh" if JOB in os.environ else "")
+        return cls(Path(given).expanduser().absolute(), os.environ.get(STORE) or f"{SQLITE}mlflow.db")
+
+    def settled(self, config: Mapping[str, Any]) -> dict[str, Any]:
+        """The tree with a store, and with all its places absolute; settled once more, it stays the same.
+
+        Raises:
+            ConfigError: the environment's store is none that can be tracked to.
+        """
+        tracking, paths = config["tracking"], config["paths"]
+        uri = tracking["uri"] or check(self.store, SCHEMA["tracking.uri"], STORE, "tracking.uri")
+        if uri.startswith(SQLITE):
+            uri = f"{SQLITE}{self.home / uri.removeprefix(SQLITE)}"
+        return {
+            **config,
+            "tracking": {**tracking, "uri": uri},
+            "paths": {key: str(self.home / path) for key, path in paths.items()},
+        }
+
+
+def shown(place: str | Path) -> str:
+    """A path, or a store, as short as it can be typed in the current folder."""
+    text = str(place)
+    scheme = SQLITE if text.startswith(SQLITE) else ""
+    path = Path(text.removeprefix(scheme))
+    return f"{scheme}{path.relative_to(Path.cwd())}" if path.is_relative_to(Path.cwd()) else text
