@@ -15,7 +15,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -37,6 +38,13 @@ def postgres_programs() -> Path | None:
     return found[-1] if found else None
 
 
+@contextmanager
+def vanishing() -> Iterator[None]:
+    """Look at a process that may end meanwhile."""
+    with suppress(psutil.NoSuchProcess):
+        yield
+
+
 class Topology:
     """The services, in a ``with`` block: healthy when it begins, gone when it ends.
 
@@ -49,7 +57,7 @@ class Topology:
         self.folder = Path(tempfile.mkdtemp(prefix="freemesh-"))
         self.secrets = {name: secrets.token_hex(32) for name in manifests.required_variables()}
         self._ports = {port: str(free_port()) for port in PORTS}
-        self._started: list[psutil.Popen] = []
+        self._started: dict[str, psutil.Popen] = {}
 
     def here(self, text: str) -> str:
         """A text of the deployment as it must be on this machine."""
@@ -76,22 +84,24 @@ class Topology:
 
     def processes(self) -> list[psutil.Process]:
         """Those that run: the services' own and all that came of them."""
-        running = [process for process in self._started if process.is_running()]
+        running = [process for process in self._started.values() if process.is_running()]
         return [*running, *(child for process in running for child in process.children(recursive=True))]
 
     def _start(self, name: str, command: list[str], **options: Any) -> None:
-        """Start a service and wait until its health check succeeds."""
-        path = self.folder / f"{name}.log"
+        """Start a service's process."""
         options = {"env": self.environment(name), "cwd": self.folder / "shared"} | options
-        with path.open("wb") as log:
-            process = psutil.Popen(command, stdout=log, stderr=log, start_new_session=True, **options)
-        self._started.append(process)
-        check = [self.here(word) for word in SERVICES[name]["healthcheck"]["test"][1:]]
-        deadline = time.monotonic() + 120
-        while self.run(name, check).returncode:
-            if process.poll() is not None or time.monotonic() > deadline:
-                raise RuntimeError(f"{' '.join(command)} is not healthy:\n{path.read_text()}")
-            time.sleep(0.2)
+        with (self.folder / f"{name}.log").open("wb") as log:
+            self._started[name] = psutil.Popen(command, stdout=log, stderr=log, start_new_session=True, **options)
+
+    def _wait(self, *names: str) -> None:
+        """Wait until the health checks of started services succeed."""
+        deadline = time.monotonic() + 180
+        for name in names:
+            check = [self.here(word) for word in SERVICES[name]["healthcheck"]["test"][1:]]
+            while self.run(name, check).returncode:
+                if self._started[name].poll() is not None or time.monotonic() > deadline:
+                    raise RuntimeError(f"{name} is not healthy:\n{(self.folder / f'{name}.log').read_text()}")
+                time.sleep(0.5)
 
     def _start_postgres(self) -> None:
         """As its image does: a user whose password the network must give, its database, and the server.
@@ -114,6 +124,7 @@ class Topology:
         subprocess.run([f"{programs}/initdb", *make], check=True, stdout=subprocess.DEVNULL, **options)
         listen = ["-h", "127.0.0.1", "-p", told["PGPORT"], "-k", str(data), "-c", "fsync=off"]
         self._start("postgres", [f"{programs}/postgres", "-D", str(data), *listen], **options)
+        self._wait("postgres")
         login = {"PGUSER": told["POSTGRES_USER"], "PGPASSWORD": told["POSTGRES_PASSWORD"]}
         assert self.run("postgres", [f"{programs}/createdb", told["POSTGRES_DB"]], **login).returncode == 0
 
@@ -128,10 +139,12 @@ class Topology:
             (self.folder / name).mkdir()
         (self.folder / "etc" / "mlflow_auth.ini").write_text(self.here((DEPLOY / "mlflow_auth.ini").read_text()))
         try:
+            self._start_ray("head", str(free_port()), f"--ray-client-server-port={free_port()}")
             self._start_postgres()
             self._start("mlflow", [self.here(word) for word in SERVICES["mlflow"]["command"]])
-            self._start_ray("head", str(free_port()), f"--ray-client-server-port={free_port()}")
+            self._wait("head")
             self._start_ray("worker", self._ports["52365"])
+            self._wait("worker", "mlflow")
         except BaseException:
             self.__exit__()
             raise
@@ -139,12 +152,11 @@ class Topology:
 
     def __exit__(self, *_: object) -> None:
         left = self.processes()
-        for process in reversed(self._started):
-            process.terminate()
-            with suppress(psutil.TimeoutExpired):
-                process.wait(10)
         for process in left:
-            with suppress(psutil.NoSuchProcess):
+            with vanishing():
+                process.terminate()
+        for process in psutil.wait_procs(left, timeout=5)[1]:
+            with vanishing():
                 process.kill()
-        psutil.wait_procs(left, timeout=10)
+        psutil.wait_procs(left, timeout=5)
         shutil.rmtree(self.folder, ignore_errors=True)
