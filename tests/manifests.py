@@ -90,7 +90,7 @@ def containers(node: Any) -> list[dict[str, Any]]:
 
 
 def expanded(text: str, values: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Compose's interpolation: ``${NAME:-default}`` and ``${NAME:?message}``, each its value, else as it stands there."""
+    """Compose's interpolation: of ``${NAME:-default}`` and ``${NAME:?message}`` the value, else what stands there."""
     return re.sub(r"\$\{(\w+):[-?]([^}]*)\}", lambda match: values.get(match[1], match[2]), text)
 
 
@@ -142,7 +142,7 @@ def command_lines() -> dict[str, list[str]]:
 
 @functools.cache
 def check(file: str, name: str) -> jsonschema.Draft202012Validator:
-    """The check for a definition of a file in ``deploy_fields``, whose notation it explains: objects are closed."""
+    """The check for a definition of a file in ``deploy_fields``, in kuberay.yaml's notation; objects are closed."""
     definitions = documents(Path(__file__).parent / "deploy_fields" / file)[0]
 
     def converted(node: Any) -> dict[str, Any]:
@@ -157,9 +157,33 @@ def check(file: str, name: str) -> jsonschema.Draft202012Validator:
             return {"type": "array", "items": converted(node[0]), "minItems": 1}
         if node in ("string", "integer", "boolean"):
             return {"type": node}
+        if node == "kubernetes":
+            return {}
         if node in definitions:
             return {"$ref": f"#/$defs/{node}"}
         return {"enum": node.split("|")}
 
     schemas = {key: converted(value) for key, value in definitions.items()}
     return jsonschema.Draft202012Validator({"$ref": f"#/$defs/{name}", "$defs": schemas})
+
+
+def closed_schema(crd: Mapping[str, Any], version: str) -> dict[str, Any]:
+    """A CRD's schema of a version, with closed objects: the API server drops what it does not know."""
+
+    def closed(node: Any) -> Any:
+        if isinstance(node, list):
+            return [closed(child) for child in node]
+        if not isinstance(node, dict):
+            return node
+        within = {key: closed(child) for key, child in node.items()}
+        is_open = "additionalProperties" in node or node.get("x-kubernetes-preserve-unknown-fields")
+        return (
+            within
+            if is_open or not isinstance(node.get("properties"), dict)
+            else within | {"additionalProperties": False}
+        )
+
+    (served,) = [each for each in crd["spec"]["versions"] if each["name"] == version]
+    schema = closed(served["schema"]["openAPIV3Schema"])
+    schema["properties"]["metadata"] = {"type": "object"}
+    return schema

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import jsonschema
+import kubernetes_validate
 import manifests
 import pytest
 import yaml
@@ -29,6 +33,8 @@ from manifests import (
 from freemesh_ray import config
 
 MOUNTED = "/shared"
+#: Of the API server: the oldest and the newest that the manifests are checked against.
+KUBERNETES_VERSIONS = ("1.32", "1.37")
 VERSION = re.search(r'^version = "(.+)"', (ROOT / "pyproject.toml").read_text(), re.M)[1]
 IMAGE = f"freemesh-ray:{VERSION}-ray{LOCKED['ray']}"
 
@@ -57,10 +63,52 @@ def test_every_file_parses(path: Path) -> None:
             assert yaml.safe_load(patch["patch"]) if "patch" in patch else (path.parent / patch["path"]).is_file()
 
 
-def test_objects_have_only_known_fields(objects: list[dict[str, Any]]) -> None:
-    """Nor any that opens the cluster: hostPath, hostNetwork, privileged, NodePort, Ingress are not among them."""
+def native(objects: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """What Kubernetes' own schemas describe: its objects, and of KubeRay's their pods and what goes into them."""
     for made in objects:
-        manifests.check("kubernetes.yaml", f"{made['kind']}Object").validate(made)
+        if made["apiVersion"] != "ray.io/v1":
+            yield made
+            continue
+        yield {"apiVersion": "v1", "kind": "ConfigMap", "metadata": made["metadata"]}
+        for pod in templates(made):
+            yield {"apiVersion": "v1", "kind": "Pod", **pod}
+        for options in (mapping["autoscalerOptions"] for mapping in mappings(made) if "autoscalerOptions" in mapping):
+            own = {key: options[key] for key in ("resources", "securityContext", "volumeMounts")}
+            yield {"apiVersion": "v1", "kind": "Pod", "spec": {"containers": [{"name": "autoscaler", **own}]}}
+
+
+@pytest.mark.parametrize("version", KUBERNETES_VERSIONS)
+def test_objects_match_kubernetes_schemas(objects: list[dict[str, Any]], version: str) -> None:
+    for made in native(objects):
+        kubernetes_validate.validate(made, version, strict=True)
+
+
+def test_objects_match_kuberays_fields(objects: list[dict[str, Any]]) -> None:
+    for made in objects:
+        if made["apiVersion"] == "ray.io/v1":
+            manifests.check("kuberay.yaml", f"{made['kind']}Object").validate(made)
+
+
+@pytest.mark.skipif("KUBERAY_CRDS" not in os.environ, reason="KUBERAY_CRDS names no folder of KubeRay's CRD files")
+def test_objects_match_kuberays_schemas() -> None:
+    """Those of the files ``ray.io_*.yaml`` of a KubeRay release, from its folder ray-operator/config/crd/bases."""
+    paths = Path(os.environ["KUBERAY_CRDS"]).glob("ray.io_*.yaml")
+    definitions = [document for path in paths for document in manifests.documents(path)]
+    schemas = {crd["spec"]["names"]["kind"]: manifests.closed_schema(crd, "v1") for crd in definitions}
+    for made in (made for build in BUILDS for made in manifests.built(build)):
+        if made["apiVersion"] == "ray.io/v1":
+            jsonschema.validate(made, schemas[made["kind"]])
+
+
+def test_a_crds_schema_is_closed() -> None:
+    """Unlike the file it is read from: the API server drops what that does not know, without a word."""
+    properties = {"kind": {"type": "string"}, "spec": {"type": "object", "properties": {"size": {"type": "integer"}}}}
+    version = {"name": "v1", "schema": {"openAPIV3Schema": {"type": "object", "properties": properties}}}
+    schema = manifests.closed_schema({"spec": {"versions": [version]}}, "v1")
+    jsonschema.validate({"kind": "Any", "spec": {"size": 1}}, schema)
+    for wrong in ({"sizes": 1}, {"size": "1"}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate({"kind": "Any", "spec": wrong}, schema)
 
 
 def test_compose_has_only_known_fields() -> None:
@@ -68,20 +116,21 @@ def test_compose_has_only_known_fields() -> None:
     manifests.check("compose.yaml", "ComposeObject").validate(written)
 
 
+@pytest.mark.skipif("COMPOSE_SCHEMA" not in os.environ, reason="COMPOSE_SCHEMA names no file compose-spec.json")
+def test_compose_matches_the_specification() -> None:
+    schema = json.loads(Path(os.environ["COMPOSE_SCHEMA"]).read_text())
+    jsonschema.Draft7Validator(schema).validate(COMPOSE)
+
+
 def test_a_misspelt_field_is_found() -> None:
     (cluster,) = [made for made in manifests.base() if made["kind"] == "RayCluster"]
     security = containers(cluster)[0]["securityContext"]
     security["readOnlyRootFileSystem"] = security.pop("readOnlyRootFilesystem")
-    with pytest.raises(jsonschema.ValidationError, match="readOnlyRootFileSystem"):
-        manifests.check("kubernetes.yaml", "RayClusterObject").validate(cluster)
-
-
-def test_objects_match_the_published_schemas(objects: list[dict[str, Any]]) -> None:
-    """Where kubernetes-validate, which carries them, is installed."""
-    kubernetes_validate = pytest.importorskip("kubernetes_validate")
-    pods = [{"apiVersion": "v1", "kind": "Pod", "metadata": {"name": "any"}, **pod} for pod in templates(objects)]
-    for made in pods + [made for made in objects if made["apiVersion"] != "ray.io/v1"]:
-        kubernetes_validate.validate({**made, "metadata": {"name": "any", **made["metadata"]}}, "1.35", strict=True)
+    with pytest.raises(kubernetes_validate.ValidationError, match="readOnlyRootFileSystem"):
+        [kubernetes_validate.validate(made, KUBERNETES_VERSIONS[-1], strict=True) for made in native([cluster])]
+    cluster["spec"]["authOption"] = cluster["spec"].pop("authOptions")
+    with pytest.raises(jsonschema.ValidationError, match="authOption"):
+        manifests.check("kuberay.yaml", "RayClusterObject").validate(cluster)
 
 
 # Versions
@@ -131,9 +180,10 @@ def test_secrets_are_referred_to(objects: list[dict[str, Any]]) -> None:
             if "valueFrom" in variable:
                 reference = variable["valueFrom"]["secretKeyRef"]
                 referred.add((reference["name"], reference["key"]))
-    assert referred
+    made = [line for line in README.splitlines() if " create secret generic " in line]
     for name, key in referred:
-        assert f'create secret generic {name} --from-literal={key}="$(openssl rand -hex 32)"' in README
+        (line,) = [line for line in made if f" generic {name} " in line]
+        assert f'--from-literal={key}="$(openssl rand -hex 32)"' in line
 
 
 def test_compose_takes_secrets_from_the_environment() -> None:
@@ -146,6 +196,17 @@ def test_compose_takes_secrets_from_the_environment() -> None:
 
 
 # What nobody may reach
+
+
+def test_nothing_leaves_its_pod(objects: list[dict[str, Any]]) -> None:
+    """Nothing of the node is taken, nothing is published beyond the cluster."""
+    plain = {"Namespace", "NetworkPolicy", "PersistentVolumeClaim", "Service", "Deployment", "StatefulSet"}
+    assert {made["kind"] for made in objects} <= plain | {"RayCluster", "RayJob", "RayCronJob"}
+    closed = {"hostPath", "hostNetwork", "hostPID", "hostIPC", "hostPort", "privileged", "nodePort", "externalIPs"}
+    for mapping in mappings(objects):
+        assert not closed & mapping.keys()
+        assert mapping.get("serviceType", "ClusterIP") == "ClusterIP"
+    assert all(made["spec"].get("type", "ClusterIP") == "ClusterIP" for made in objects if made["kind"] == "Service")
 
 
 def test_compose_publishes_on_loopback_only() -> None:

@@ -94,7 +94,9 @@ def deployment() -> Iterator[Deployment]:
 @pytest.fixture(scope="module")
 def done(deployment: Deployment) -> Deployment:
     """The README's main job, half a minute long, of the source that is installed: a copy would compile its kernels."""
-    (words,) = [words for words in manifests.readme_lines() if words[:3] == ["ray", "job", "submit"] and "train" in words]
+    (words,) = [
+        words for words in manifests.readme_lines() if words[:3] == ["ray", "job", "submit"] and "train" in words
+    ]
     words = [deployment.services.here(word).replace("train_default", "train_smoke") for word in words]
     assert words[5:7] == ["--working-dir", "."]
     submitted = deployment.services.run("worker", [*words[:5], "--no-wait", *words[7:]])
@@ -102,7 +104,7 @@ def done(deployment: Deployment) -> Deployment:
     deadline = time.monotonic() + 300
     while deployment.job()["status"] in ("PENDING", "RUNNING") and time.monotonic() < deadline:
         deployment.look()
-        time.sleep(1)
+        time.sleep(3)
     return deployment
 
 

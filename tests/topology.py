@@ -1,7 +1,7 @@
 """The services of compose.yaml as plain processes on the loopback device, by its command lines and health checks.
 
-Replaced is only what containers give: a host name by 127.0.0.1, a port by a free one, a volume by a folder, and what the
-image of Postgres does before it starts the server.
+Replaced is only what containers give: a host name by 127.0.0.1, a port by a free one, a volume by a folder, and what
+Postgres' image does before it starts the server.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
 import manifests
-import ray
 from manifests import DEPLOY, ROOT, SERVICES
 from processes import free_port
 
-sys.path.append(f"{Path(ray.__file__).parent}/thirdparty_files")
-import psutil  # noqa: E402  Ray's own
+sys.path.append(f"{Path(find_spec('ray').origin).parent}/thirdparty_files")
+import psutil  # Ray's own
 
 PORTS = ("6379", "8265", "52365", "5000", "5432")
 
@@ -49,7 +49,7 @@ class Topology:
     """The services, in a ``with`` block: healthy when it begins, gone when it ends.
 
     Attributes:
-        folder: holds ``shared`` and ``artifacts``, the volumes, and ``tmp``. Its path is short: Ray's sockets are below.
+        folder: holds the volumes, ``shared`` and ``artifacts``, and ``tmp``; a short path, Ray's sockets being below.
         secrets: what compose.yaml takes from the environment, made up for this time.
     """
 
