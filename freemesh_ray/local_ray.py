@@ -33,6 +33,9 @@ def _without_its_greeting() -> Iterator[None]:
 def local_ray(workers: int) -> Iterator[None]:
     """A Ray with room for ``workers`` env runners beside the learner; an address in RAY_ADDRESS is used instead."""
     # Read when Ray is imported.
+    if not os.environ.get("RAY_ADDRESS"):
+        # The node's address is then 127.0.0.1, on every system, and all of Ray's servers listen there alone.
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

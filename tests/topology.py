@@ -28,6 +28,8 @@ from processes import free_port
 sys.path.append(f"{Path(find_spec('ray').origin).parent}/thirdparty_files")
 import psutil  # Ray's own
 
+#: A node without what the tests do not look at.
+LIGHT = {"RAY_enable_metrics_collection": "0", "RAY_enable_open_telemetry": "0", "RAY_enable_worker_prestart": "0"}
 PORTS = ("6379", "8265", "52365", "5000", "5432")
 
 
@@ -71,6 +73,8 @@ class Topology:
         told = manifests.image_environment() | SERVICES[name]["environment"]
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         own = {"PATH": path, "PYTHONPATH": str(ROOT), "LANG": "C.UTF-8"}
+        if name in ("head", "worker"):
+            own |= LIGHT
         if name == "postgres":  # its programs would look for a socket below /var/run
             own |= {"PGHOST": "127.0.0.1", "PGPORT": self._ports["5432"]}
         return {key: self.here(value) for key, value in told.items()} | own
