@@ -101,7 +101,7 @@ def done(deployment: Deployment) -> Deployment:
     assert words[5:7] == ["--working-dir", "."]
     submitted = deployment.services.run("worker", [*words[:5], "--no-wait", *words[7:]])
     assert submitted.returncode == 0, submitted.stderr
-    deadline = time.monotonic() + 300
+    deadline = time.monotonic() + 600
     while deployment.job()["status"] in ("PENDING", "RUNNING") and time.monotonic() < deadline:
         deployment.look()
         time.sleep(3)

@@ -99,7 +99,7 @@ class Topology:
 
     def _wait(self, *names: str) -> None:
         """Wait until the health checks of started services succeed."""
-        deadline = time.monotonic() + 180
+        deadline = time.monotonic() + 300
         for name in names:
             check = [self.here(word) for word in SERVICES[name]["healthcheck"]["test"][1:]]
             while self.run(name, check).returncode:
@@ -115,6 +115,7 @@ class Topology:
         programs, told = postgres_programs(), self.environment("postgres")
         data, password = self.folder / "postgres", self.folder / "password"
         data.mkdir()
+        password.touch(0o600)
         password.write_text(told["POSTGRES_PASSWORD"])
         options: dict[str, Any] = {"env": told, "cwd": data}
         if os.geteuid() == 0:
