@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+#: Ray gives itself half a minute to start, which a busy machine may not have.
+ATTEMPTS = 5
 
 
 @contextmanager
@@ -29,6 +33,20 @@ def _without_its_greeting() -> Iterator[None]:
                     print(line, file=sys.stderr)
 
 
+def _start(slots: int) -> None:
+    """Start a Ray with as many slots as processes, whatever the machine has: they share its cores."""
+    import ray
+
+    for attempt in range(ATTEMPTS):
+        try:
+            ray.init(num_cpus=slots, include_dashboard=False, logging_level=logging.ERROR, log_to_driver=False)
+            return
+        except Exception as error:
+            ray.shutdown()
+            if "timed out during startup" not in str(error) or attempt == ATTEMPTS - 1:
+                raise
+
+
 @contextmanager
 def local_ray(workers: int) -> Iterator[None]:
     """A Ray with room for ``workers`` processes, env runners and learners, beside the training's own.
@@ -39,6 +57,9 @@ def local_ray(workers: int) -> Iterator[None]:
     if not os.environ.get("RAY_ADDRESS"):
         # The node's address is then 127.0.0.1, on every system, and all of Ray's servers listen there alone.
         os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
+        # And who has an account on this machine needs a token, which dies with this process.
+        if os.environ.setdefault("RAY_AUTH_MODE", "token") == "token":
+            os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -54,13 +75,7 @@ def local_ray(workers: int) -> Iterator[None]:
         if os.environ.get("RAY_ADDRESS"):
             ray.init(logging_level=logging.ERROR, log_to_driver=False)
         else:
-            # As many slots as processes, whatever the machine has: they share its cores.
-            ray.init(
-                num_cpus=max(workers + 1, os.cpu_count() or 1),
-                include_dashboard=False,
-                logging_level=logging.ERROR,
-                log_to_driver=False,
-            )
+            _start(slots=max(workers + 1, os.cpu_count() or 1))
     try:
         yield
     finally:

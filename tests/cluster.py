@@ -82,7 +82,7 @@ class Cluster:
             self.start_head()
             for _ in range(self._workers):
                 self.add_worker(wait=False)
-            until(lambda: len(self.nodes()) == self._workers + 1, 120, self.trouble)
+            until(self._complete, 300, self.trouble)
         except BaseException:
             self.__exit__()
             raise
@@ -186,7 +186,7 @@ class Cluster:
         return "\n".join(f"{path.name}: {path.read_text()[-2000:]}" for path in sorted(self._folder.glob("*.log")))
 
     def _start(self, name: str, *arguments: str) -> None:
-        ip = ADDRESS.format(1 + [*self._nodes, name].index(name))
+        ip = ADDRESS.format(1 + list(dict.fromkeys([*self._nodes, name])).index(name))
         common = [
             "--block", "--node-ip-address", ip, "--node-name", name, "--labels", f"node={name}",
             "--resources", json.dumps({name: 1}), "--temp-dir", str(self._folder / "t"),  # shared: jobs' logs are in it
@@ -201,6 +201,14 @@ class Cluster:
                 [RAY, "start", *arguments, *common], env=variables, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
                 start_new_session=True, cwd=self._folder,
             )  # fmt: skip
+
+    def _complete(self) -> bool:
+        """Whether all nodes are there; one that a busy machine did not start in Ray's half a minute is started anew."""
+        for name, process in list(self._nodes.items()):
+            if name != "head" and process.poll() is not None:
+                self._kill(name)
+                self._start(name, "--address", self.address, "--num-cpus", str(self._cpus))
+        return len(self.nodes()) == self._workers + 1
 
     def _mark(self, name: str) -> str:
         return f"{self._folder.name}/{name}"

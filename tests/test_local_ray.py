@@ -1,4 +1,4 @@
-"""The embedded Ray is this machine's alone."""
+"""The embedded Ray is its process's alone: it listens on the loopback device, and whoever has no token is refused."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ import json
 import os
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 from processes import ROOT
 
-LISTENING = """
-import json
+OWN = """
+import json, os, subprocess, sys
 from freemesh_ray.local_ray import local_ray
+
+STRANGER = "import ray, sys; ray.init(sys.argv[1], logging_level=50); print(len(ray.nodes()))"
 
 with local_ray(1):
     import psutil  # Ray's own
@@ -22,22 +25,34 @@ with local_ray(1):
     ray.get(ray.remote(lambda: None).remote())
     sockets = [each for process in (psutil.Process(), *psutil.Process().children(recursive=True))
                for each in process.net_connections("tcp")]
-    print(json.dumps([each.laddr.ip for each in sockets if each.status == "LISTEN"]))
+    connect, found = [sys.executable, "-c", STRANGER, ray.get_runtime_context().gcs_address], {}
+    others = {"own": {}, "other": {"RAY_AUTH_TOKEN": 64 * "0"}, "none": {"RAY_AUTH_MODE": "disabled"}}
+    for who, variables in others.items():
+        found[who] = subprocess.run(connect, env=os.environ | variables, capture_output=True).returncode == 0
+    print(json.dumps({"addresses": [each.laddr.ip for each in sockets if each.status == "LISTEN"], "let in": found}))
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-def test_it_listens_on_the_loopback_device_only() -> None:
-    """It asks for no token: whoever reached it could run what they like."""
+@pytest.fixture(scope="module")
+def told() -> dict[str, Any]:
     variables = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
     done = subprocess.run(
-        [sys.executable, "-c", LISTENING],
+        [sys.executable, "-c", OWN],
         env=variables | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=180,
+        timeout=400,
     )
     assert done.returncode == 0, done.stderr
-    addresses = [ipaddress.ip_address(text) for text in json.loads(done.stdout.splitlines()[-1])]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_it_listens_on_the_loopback_device_only(told: dict[str, Any]) -> None:
+    addresses = [ipaddress.ip_address(text) for text in told["addresses"]]
     assert len(addresses) > 3
     assert all((getattr(each, "ipv4_mapped", None) or each).is_loopback for each in addresses), addresses
+
+
+def test_it_lets_in_who_has_its_token(told: dict[str, Any]) -> None:
+    assert told["let in"] == {"own": True, "other": False, "none": False}
