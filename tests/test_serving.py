@@ -30,7 +30,7 @@ from freemesh_ray.serving.formats import MEDIA
 from freemesh_ray.serving.limits import Limits
 
 TOKEN = "a secret"
-BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 5.0, 2
+BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 4.0, 2
 #: What the load asks for: some 4,000 elements, 0.1 s on a quiet core.
 HEAVY = {"edge_length": 0.055}
 #: More work than fits into the time limit: eight meshes of a quarter million elements.

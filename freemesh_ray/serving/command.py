@@ -84,17 +84,13 @@ def run(options: argparse.Namespace) -> int:
     except ServiceError as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return BAD_INPUT
-    except Terminated:
-        pass
+    except SystemExit:
+        pass  # SIGTERM: a handler of ours, or of Ray's while it starts
     return 0
 
 
-class Terminated(BaseException):
-    """A scheduler's SIGTERM."""
-
-
 def _terminate(number: int, frame: object) -> None:
-    raise Terminated
+    raise SystemExit
 
 
 def _wait(options: argparse.Namespace, guarded: bool) -> None:
