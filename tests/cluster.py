@@ -107,12 +107,17 @@ class Cluster:
         """Kill every process of the head, as a power cut would."""
         self._kill("head")
         # Its workers' command lines, on this same machine, would have the next head think that it still runs.
-        (self._folder / "t" / "ray_current_cluster").unlink(missing_ok=True)
+        (self._folder / "head" / "ray_current_cluster").unlink(missing_ok=True)
 
     def add_worker(self, wait: bool = True) -> int:
         """Start one more worker; its number."""
         i = sum(name != "head" for name in self._nodes)
         name = f"worker-{i}"
+        # Each node unpacks jobs' code in a folder of its own, but an agent looks for their logs in the head's.
+        logs = (self._folder / "head" / "session_latest" / "logs").resolve()
+        session = self._folder / name / logs.parent.name
+        session.mkdir(parents=True)
+        (session / "logs").symlink_to(logs)
         self._start(name, "--address", self.address, "--num-cpus", str(self._cpus))
         if wait:
             until(lambda: name in self.nodes(), 120, self.trouble)
@@ -189,7 +194,7 @@ class Cluster:
         ip = ADDRESS.format(1 + list(dict.fromkeys([*self._nodes, name])).index(name))
         common = [
             "--block", "--node-ip-address", ip, "--node-name", name, "--labels", f"node={name}",
-            "--resources", json.dumps({name: 1}), "--temp-dir", str(self._folder / "t"),  # shared: jobs' logs are in it
+            "--resources", json.dumps({name: 1}), "--temp-dir", str(self._folder / name),
             "--object-store-memory", str(OBJECT_STORE), "--num-gpus", "0", "--min-worker-port", "0",
             "--max-worker-port", "0", "--dashboard-agent-listen-port", str(free_port()),
             "--include-log-monitor", "false", "--disable-usage-stats",
