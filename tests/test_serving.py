@@ -121,10 +121,10 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     server = Server([*arguments, *limits], port, "/health", folder / "log", FREEMESH_SERVE_TOKEN=TOKEN)
     with server:
         client = Client(server)
-        until(lambda: client.meshers() == REPLICAS)
+        until(lambda: client.meshers() == REPLICAS and bool(server.log.read_text()))
         yield client
         processes = family(server.pid)
-        assert server.stop() == 0
+        assert server.stop() == 0, server.log.read_text()
         until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in processes))
         printed = server.log.read_text()
         assert printed.startswith(f"{server.url}  curl -H "), printed
