@@ -1,9 +1,8 @@
-"""Settings that stand for too much, and what crashes and disks leave of runs and studies: one line, or what is whole."""
+"""Settings that stand for too much, and damaged records of runs and studies: one line, or what is whole of them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +28,7 @@ LAUGHS = "a0: &a0 [0]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10
     ("name: &a [*a]\n", "holds more than 100,000 values"),
     ("name: " + "[" * 5000, "is not valid YAML"),
     ("name: " + "9" * 5000, "name: must be"),
+    ("seed: " + "1:" * 9000 + "1", "seed: must be a whole number .* not a number of thousands of digits"),
     ("name: " + "x" * 1_000_001, "is larger than 1,000,000 bytes"),
     ("name: !!python/object/apply:os.system ['touch here']\n", "name: must be"),
 ])  # fmt: skip
@@ -51,7 +51,7 @@ def test_aliases_of_little_are_read(tmp_path: Path) -> None:
 
 
 def test_a_device_is_no_settings() -> None:
-    with pytest.raises(ConfigError, match="is larger than 1,000,000 bytes|is not"):
+    with pytest.raises(ConfigError, match="is larger than 1,000,000 bytes"):
         config.load(["/dev/zero"])
 
 
@@ -74,16 +74,15 @@ def all_of(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["study.yaml", "trials.json", "runs/A-1/evaluations.jsonl", "runs/A-1/config.yaml"])
 def test_damaged_studies_are_read_or_are_one_line(study: Path, name: str) -> None:
-    path, refused = study / name, 0
-    for content in mutants(path.read_bytes()[:3000], 150, 0):
+    path, lines = study / name, []
+    for content in mutants(path.read_bytes()[:2000], 40, 0):
         path.write_bytes(content)
         try:
             all_of(study)
         except ResultsError as error:
-            refused += 1
-            assert "\n" not in str(error)
-    assert refused < 150
-    assert (refused > 0) == (not name.startswith("runs"))
+            lines.append(str(error))
+    assert (0 < len(lines) < 40) == (not name.startswith("runs"))
+    assert not any("\n" in line for line in lines)
 
 
 @pytest.mark.parametrize(
@@ -101,13 +100,13 @@ def test_damaged_evaluations_are_left_out(study: Path, line: str) -> None:
 @pytest.mark.parametrize(
     "text", ["{", "[" * 100_000, "[1]", '[{"label": 1}]', '[{"label": "A", "seed": "x", "run": 3}]']
 )
-@pytest.mark.parametrize("command", [lambda folder: ["sync", str(folder)],
-                                     lambda folder: ["report", folder.name, "--studies", str(folder.parent)]])  # fmt: skip
+@pytest.mark.parametrize("command", ["sync", "report"])
 def test_damaged_lists_of_trials_are_one_line_of_the_command(
-    study: Path, text: str, command: Callable[[Path], list[str]], capsys: pytest.CaptureFixture[str]
+    study: Path, text: str, command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (study / "trials.json").write_text(text)
-    assert cli.main(command(study)) == cli.BAD_INPUT
+    arguments = {"sync": [str(study)], "report": [study.name, "--studies", str(study.parent)]}[command]
+    assert cli.main([command, *arguments]) == cli.BAD_INPUT
     error = capsys.readouterr().err
     assert error.startswith(f"freemesh: {study / 'trials.json'}: is not a list of trials")
     assert error.count("\n") == 1
@@ -117,8 +116,8 @@ def test_a_damaged_study_is_not_gone_on_with(study: Path) -> None:
     (study / "study.yaml").write_text("[")
     with pytest.raises(ConfigError, match=r"study\.yaml:1: is not valid YAML"):
         StudyFolder(study).claim({"study": {}}, resume=True)
+    (study / "trials.json").write_text("7")
     with pytest.raises(RunError, match="is not a list of trials"):
-        (study / "trials.json").write_text("7")
         StudyFolder(study).read()
 
 

@@ -159,7 +159,7 @@ def check_line(message: str, path: Path) -> None:
 def is_domain(path: Path, number: int) -> bool:
     """Whether a file gave domains, which must then be sound."""
     try:
-        domains = load_all(path, edge_length=(None, 0.3)[number % 2], fix_parity=True)
+        domains = load_all(path, edge_length=(None, 1.0)[number % 2], fix_parity=True)
     except DomainError as error:
         check_line(str(error), path)
         return False

@@ -192,7 +192,7 @@ def read(folder: Path) -> Results:
             search=bool(about.get("search")),
             trials=trials,
         )
-    except (AttributeError, TypeError, ValueError, RecursionError) as error:
+    except (AttributeError, TypeError, ValueError, OverflowError, RecursionError) as error:
         if isinstance(error, ResultsError):
             raise
         raise ResultsError(f"{description}: is not a study's ({error}): let `freemesh study` write it anew") from error
