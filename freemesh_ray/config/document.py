@@ -94,7 +94,8 @@ def composed(text: str, place: str) -> yaml.Node | None:
         problem = getattr(error, "problem", None) or type(error).__name__
         raise ConfigError(f"{place}{line}: is not valid YAML: {problem}") from error
     if root is not None and _values(root, {}) > MOST_VALUES:
-        raise ConfigError(f"{place}: holds more than {MOST_VALUES:,} values: write it without aliases (*name)")
+        line = "" if place.startswith("--set") else ":1"
+        raise ConfigError(f"{place}{line}: holds more than {MOST_VALUES:,} values: write it without aliases (*name)")
     return root
 
 
