@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -25,7 +26,7 @@ MOST_WITH_HOLES = 50_000
 MOST_RINGS = 10_000
 
 #: Pairs that a search for what lies near looks at in one go: a scribble of n segments has n^2 / 2 of them.
-PAIRS_AT_ONCE = 10_000_000
+PAIRS_AT_ONCE = 30_000_000
 
 #: Coordinates beyond this, or domains smaller than its inverse, would overflow when squared or multiplied.
 LARGEST_COORDINATE = 1e100
@@ -49,7 +50,7 @@ class Outline:
     ring_of: Ints
     number: Ints
 
-    @property
+    @cached_property
     def tolerance(self) -> float:
         """Distance below which two points touch."""
         return RELATIVE_TOLERANCE * extent(self.points)

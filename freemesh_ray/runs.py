@@ -96,14 +96,16 @@ class RunFolder:
     def forget_after(self, env_steps: int) -> None:
         """Drop the evaluations later than ``env_steps``: a run that goes on from there will make them again."""
         if self.evaluations.is_file():
-            kept = [line for line in self.evaluations.read_text().splitlines() if evaluated_at(line) <= env_steps]
+            text = self.evaluations.read_text(encoding="utf-8", errors="replace")
+            kept = [line for line in text.splitlines() if evaluated_at(line) <= env_steps]
             with replacing(self.evaluations) as draft:
                 draft.write_text("".join(f"{line}\n" for line in kept))
 
 
 def evaluated_at(line: str) -> float:
-    """The env steps of one line of evaluations; infinite for a line that a kill cut short."""
+    """The env steps of one line of evaluations; infinite for a damaged one, as a kill leaves it."""
     try:
-        return float(json.loads(line)["env_steps"])
-    except (ValueError, KeyError, TypeError):
+        steps = float(json.loads(line)["env_steps"])
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return math.inf
+    return steps if steps >= 0 else math.inf

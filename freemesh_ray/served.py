@@ -66,7 +66,7 @@ def _polygon(text: str, name: str) -> dict[str, Any]:
     """
     try:
         shape = json.loads(text)
-    except ValueError as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise DomainError(f"{name}: geojson is not JSON ({error}): give a GeoJSON Polygon as text") from error
     if not isinstance(shape, dict):
         raise DomainError(f"{name}: geojson is no object: give a GeoJSON Polygon as text")

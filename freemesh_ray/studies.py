@@ -90,6 +90,7 @@ class StudyFolder:
 
         Raises:
             RunError: it holds a study and ``resume`` is false, or another one, or it cannot be made.
+            ConfigError: what it holds is damaged.
         """
         text = config.dump(tree)
         if self.definition.is_file():
@@ -98,7 +99,7 @@ class StudyFolder:
                     f"{self.path} already holds a study: add --resume to go on, "
                     "or --set paths.studies=OTHER to begin anew"
                 )
-            if yaml.safe_load(self.definition.read_text()) != yaml.safe_load(text):
+            if config.read_plain(self.definition) != yaml.safe_load(text):
                 raise RunError(
                     f"{self.definition} was begun with other settings: go on with the same, "
                     "or --set paths.studies=OTHER to begin another"
@@ -117,11 +118,40 @@ class StudyFolder:
             draft.write_text(json.dumps([asdict(entry) for entry in entries], indent=1))
 
     def read(self) -> list[Entry]:
-        """Read ``trials.json``; nothing where there is none."""
+        """Read ``trials.json``; nothing where there is none.
+
+        Raises:
+            RunError: it is damaged.
+        """
         if not self.trials.is_file():
             return []
-        return [Entry(**entry) for entry in json.loads(self.trials.read_text(encoding="utf-8"))]
+        try:
+            entries = [Entry(**entry) for entry in json.loads(self.trials.read_text(encoding="utf-8"))]
+            for entry in entries:
+                _check(entry)
+            return entries
+        except (OSError, ValueError, TypeError, RecursionError) as error:
+            reason = ascii(str(error))[1:-1][:100]
+            raise RunError(
+                f"{self.trials}: is not a list of trials ({reason}): move the study's folder away"
+            ) from error
 
     def run_folders(self) -> list[Path]:
         """Where the trials lie; nothing where there is no study."""
         return [self.path / entry.run for entry in self.read()]
+
+
+def _check(entry: Entry) -> None:
+    """Refuse what is no trial.
+
+    Raises:
+        ValueError: as said.
+    """
+    kinds = {"label": str, "seed": int, "run": str, "status": str, "settings": dict | None, "error": str | None}
+    for name, kind in kinds.items():
+        if not isinstance(getattr(entry, name), kind):
+            raise ValueError(f"{name} is {str(getattr(entry, name))[:40]!r}")
+    if entry.status not in STATUSES:
+        raise ValueError(f"status {entry.status[:40]!r} is none of {', '.join(STATUSES)}")
+    if "\0" in entry.run:
+        raise ValueError("run is no path")

@@ -98,7 +98,8 @@ def test_a_label_gathers_files_and_fails_where_it_has_none(tmp_path: Path) -> No
     ("a=none.inp", "no such mesh file"),
     ("elsewhere:a=m.inp", "elsewhere is not among the domains"),
     ("a=bad.inp", "line 2: 1, x, y is no node"),
-    ("a=bad.xyz", "cannot be read"),
+    ("a=bad.xyz", r"unknown format .\.xyz.; use one of .inp, .msh"),
+    ("a=bad.vtu", "bad.vtu: cannot be read"),
     ("a=far.vtu", "has the extent of no domain here; write DOMAIN:a=far.vtu"),
     ("a=lines.vtu", "holds no quadrilaterals"),
     ("a=bent.vtu", "not in one plane"),
@@ -108,7 +109,8 @@ def test_bad_files_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     domain, mesh = grid(2)
     export.write(mesh, "m.inp")
     Path("bad.inp").write_text("*NODE\n1, x, y\n")
-    Path("bad.xyz").write_text("nonsense")
+    for bad in ("bad.xyz", "bad.vtu"):
+        Path(bad).write_text("nonsense")
     export.write(replace(mesh, vertices=mesh.vertices + 10.0), "far.vtu")
     flat = np.column_stack([mesh.vertices, np.zeros(len(mesh.vertices))])
     meshio.Mesh(flat, [("line", [[0, 1]])]).write("lines.vtu")

@@ -14,7 +14,7 @@ from envs.types import DomainError, Floats
 Rings = list[Floats]
 
 #: Pairs of a ring and one around it, at most.
-MOST_INSIDE = 5_000_000
+MOST_INSIDE = 500_000
 
 
 def nested(groups: Sequence[Sequence[Rings]], source: str) -> list[Rings]:
@@ -46,16 +46,15 @@ def nested(groups: Sequence[Sequence[Rings]], source: str) -> list[Rings]:
     shapes = [shape_of(outline) for outline in outlines]
     areas = shapely.area(shapes).tolist()
     around = containing(shapes, areas, source)
-    polygons: dict[tuple[int, int], Rings] = {
-        (g, f): list(rings)
-        for g, group in enumerate(groups)
-        if len(around[g]) % 2 == 0
-        for f, rings in enumerate(group)
-    }
+    # The solid groups around each; a hole has one, unless the groups cross each other after all.
+    solid = [[p for p in outer if len(around[p]) % 2 == 0] for outer in around]
     holes: dict[int, list[int]] = {}
-    for g in range(len(groups)):
-        if len(around[g]) % 2:
-            holes.setdefault(min(around[g], key=areas.__getitem__), []).append(g)
+    polygons: dict[tuple[int, int], Rings] = {}
+    for g, group in enumerate(groups):
+        if len(around[g]) % 2 and solid[g]:
+            holes.setdefault(min(solid[g], key=areas.__getitem__), []).append(g)
+        else:
+            polygons |= {(g, f): list(rings) for f, rings in enumerate(group)}
     for parent, inside in holes.items():
         found = faces_around(groups[parent], [outlines[g][0] for g in inside])
         for g, face in zip(inside, found, strict=True):

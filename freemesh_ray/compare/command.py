@@ -55,7 +55,7 @@ def grammar(commands: Any) -> None:
     compare.add_argument("--peers", type=peer_names, default=list(NAMES), metavar="NAMES",
                          help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
     compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
-                         help="a mesh that another program made, in any format of meshio; repeatable")  # fmt: skip
+                         help="a mesh of another program: .inp, .msh, .vtu, .bdf and more; repeatable")  # fmt: skip
     compare.add_argument("--policy", metavar="FILE",
                          help=f"policy.npz of a training (default: the shipped one), or {NONE}")  # fmt: skip
     compare.add_argument("--fix-parity", action="store_true", help="split the longest segment where a ring is odd")

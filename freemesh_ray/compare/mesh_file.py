@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
-from io import StringIO
 from pathlib import Path
 
-import meshio
 import numpy as np
 
+from envs.rings import LARGEST_COORDINATE
 from envs.types import Domain, Floats, Ints
 from freemesh_ray.compare.abaqus_file import read_abaqus
+from freemesh_ray.compare.confined import read_confined
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 
 #: meshio's names for elements that are compared, and how many corners they have; nodes beyond those are left out.
 QUADS = ("quad", "quad8", "quad9")
 TRIANGLES = ("triangle", "triangle6", "triangle7")
+
+#: What is read: formats that stand in one file and name no other.
+SUFFIXES = (".inp", ".msh", ".vtu", ".vtk", ".bdf", ".fem", ".nas", ".mesh", ".obj", ".off", ".ply", ".stl", ".su2")
+
+#: Bytes of a mesh file at most.
+MOST_BYTES = 200_000_000
 
 #: Bounding boxes are the same within this share of the diameter.
 BOX_TOLERANCE = 1e-3
@@ -91,14 +96,23 @@ def same_box(mesh: MixedMesh, domain: Domain) -> bool:
 
 
 def read(path: Path) -> MixedMesh:
-    """The quadrilaterals and triangles in a file of any format that meshio reads; its plane is z = constant.
+    """The quadrilaterals and triangles in a file of one of `SUFFIXES`; its plane is z = constant.
 
     Raises:
         MeshFileError: no such file, not a mesh, no elements of these kinds, or not in one plane.
     """
     if not path.is_file():
         raise MeshFileError(f"{path}: no such mesh file; check the path")
+    if path.suffix.lower() not in SUFFIXES:
+        raise MeshFileError(f"{path}: unknown format {path.suffix!r}; use one of {', '.join(SUFFIXES)}")
+    if path.stat().st_size > MOST_BYTES:
+        raise MeshFileError(f"{path}: more than {MOST_BYTES / 1e6:.0f} MB; export the surface mesh alone")
     points, quads, triangles = parts(path)
+    corners = np.concatenate([quads.ravel(), triangles.ravel()])
+    if points.ndim != 2 or points.shape[1] < 2 or not (np.abs(points) <= LARGEST_COORDINATE).all():
+        raise MeshFileError(f"{path}: its points are not all places in the plane or in space; export it again")
+    if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
+        raise MeshFileError(f"{path}: an element of a node that is not there; export it again")
     size = np.ptp(points, axis=0) if len(points) else np.zeros(2)
     if len(size) > 2 and size[2] > 1e-6 * np.linalg.norm(size):
         raise MeshFileError(f"{path}: not in one plane z = constant; turn it into the plane first")
@@ -117,12 +131,10 @@ def parts(path: Path) -> tuple[Floats, Ints, Ints]:
     try:
         if path.suffix.lower() == ".inp":
             return read_abaqus(path)
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints what it raises
-            found = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio leaves the program where no reader fits
-        reason = str(error).splitlines()[0] if not isinstance(error, SystemExit) and str(error) else "unknown format"
+        points, cells = read_confined(path)
+    except (ValueError, OSError) as error:
+        reason = " ".join(ascii(str(error))[1:-1].split())[:100]
         raise MeshFileError(f"{path}: cannot be read ({reason}); write .inp, .msh or .vtu") from error
-    quads = [np.empty((0, 4)), *(block.data[:, :4] for block in found.cells if block.type in QUADS)]
-    triangles = [np.empty((0, 3)), *(block.data[:, :3] for block in found.cells if block.type in TRIANGLES)]
-    points = np.asarray(found.points, dtype=np.float64)
+    quads = [np.empty((0, 4)), *(nodes[:, :4] for kind, nodes in cells if kind in QUADS)]
+    triangles = [np.empty((0, 3)), *(nodes[:, :3] for kind, nodes in cells if kind in TRIANGLES)]
     return points, np.concatenate(quads).astype(np.int64), np.concatenate(triangles).astype(np.int64)

@@ -3,7 +3,7 @@
 field (what a value may be) -> schema (every key) -> document (YAML) -> layer (an overlay) -> tree (all of them)
 """
 
-from freemesh_ray.config.document import document, dump, plain, shipped
+from freemesh_ray.config.document import document, dump, plain, read_plain, shipped
 from freemesh_ray.config.field import ConfigError, Field, check
 from freemesh_ray.config.layer import Layer, file_layer, set_layer, tree_layer, value_layer, values
 from freemesh_ray.config.schema import COUNT, SCHEMA, SHORTHANDS
@@ -24,6 +24,7 @@ __all__ = [
     "load",
     "meshing_parameters",
     "plain",
+    "read_plain",
     "resolve",
     "set_layer",
     "shipped",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -12,6 +13,12 @@ from typing import Any
 import yaml
 
 from freemesh_ray.config.field import ConfigError
+
+#: Bytes of a file at most.
+MOST_BYTES = 1_000_000
+
+#: Values in a file at most, those that aliases repeat counted as often as they are repeated.
+MOST_VALUES = 100_000
 
 
 class _Numbers:
@@ -57,11 +64,16 @@ def document(source: str | Path) -> tuple[str, yaml.Node]:
             f"{name}: no such configuration: use a path ending in .yaml, or one of {', '.join(shipped())}"
         )
     try:
-        text = (_folder() / f"{short}.yaml" if bare else Path(name)).read_text(encoding="utf-8")
+        place = _folder() / f"{short}.yaml" if bare else Path(name)
+        with place.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)  # a device has no end
+        text = content.decode("utf-8")
     except OSError as error:
         raise ConfigError(f"{name}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{name}: is not UTF-8 text: save it as UTF-8") from error
+    if len(content) > MOST_BYTES:
+        raise ConfigError(f"{name}: is larger than {MOST_BYTES:,} bytes: give the keys that differ alone")
     root = composed(text, name)
     if root is None:
         raise ConfigError(f"{name}:1: is empty: list the keys that differ from the defaults, or leave the file out")
@@ -69,14 +81,42 @@ def document(source: str | Path) -> tuple[str, yaml.Node]:
 
 
 def composed(text: str, place: str) -> yaml.Node | None:
-    """The YAML tree of ``text`` with its line numbers; None when it holds nothing."""
+    """The YAML tree of ``text`` with its line numbers; None when it holds nothing.
+
+    Raises:
+        ConfigError: it is no YAML, or its aliases (``*name``) make more of it than it may have.
+    """
     try:
-        return yaml.compose(text, Loader=_Loader)
+        root = yaml.compose(text, Loader=_Loader)
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark and not place.startswith("--set") else ""
         problem = getattr(error, "problem", None) or type(error).__name__
         raise ConfigError(f"{place}{line}: is not valid YAML: {problem}") from error
+    if root is not None and _values(root, {}) > MOST_VALUES:
+        line = "" if place.startswith("--set") else ":1"
+        raise ConfigError(f"{place}{line}: holds more than {MOST_VALUES:,} values: write it without aliases (*name)")
+    return root
+
+
+def _values(node: yaml.Node, known: dict[int, float]) -> float:
+    """How many values there are at and below a node, infinitely many where it holds itself."""
+    if id(node) not in known:
+        known[id(node)] = math.inf
+        below = node.value if isinstance(node, yaml.CollectionNode) else []
+        parts = [part for pair in below for part in pair] if isinstance(node, yaml.MappingNode) else below
+        known[id(node)] = 1 + sum(_values(part, known) for part in parts)
+    return known[id(node)]
+
+
+def read_plain(path: Path) -> Any:
+    """The plain value in a YAML file that this program wrote; None when it holds nothing.
+
+    Raises:
+        ConfigError: it cannot be read, or is no YAML.
+    """
+    _, root = document(path.resolve())
+    return plain(root, str(path))
 
 
 def plain(node: yaml.Node, place: str) -> Any:

@@ -82,5 +82,8 @@ def _fitted(value: Any, field: Field) -> Any:
 
 def _shown(value: Any) -> str:
     """A value as one short piece of a message line."""
-    text = json.dumps(value, ensure_ascii=False, default=str)
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    except ValueError:  # Python writes no number of so many digits
+        text = "a number of thousands of digits"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from envs.types import Floats
-from freemesh_ray.config import flatten
+from freemesh_ray.config import ConfigError, flatten, read_plain
 from freemesh_ray.runs import RunError, RunFolder, evaluated_at
-from freemesh_ray.studies import STATUSES, Entry, StudyFolder
+from freemesh_ray.studies import Entry, StudyFolder
 
 #: The paper's learning curves: mean return of ten evaluation episodes every 10,000 steps.
 RETURN = "eval_deterministic/return"
@@ -63,9 +62,9 @@ class Trial:
 
     @cached_property
     def evaluations(self) -> list[dict[str, Any]]:
-        """One entry an evaluation, in the order of their steps; a line that a kill cut short is left out."""
+        """One entry an evaluation, in the order of their steps; a damaged line, as a kill leaves it, is left out."""
         try:
-            lines = self.run.evaluations.read_text(encoding="utf-8").splitlines()
+            lines = self.run.evaluations.read_text(encoding="utf-8", errors="replace").splitlines()
         except OSError:
             return []
         return [json.loads(line) for line in sorted(lines, key=evaluated_at) if math.isfinite(evaluated_at(line))]
@@ -74,8 +73,8 @@ class Trial:
     def config(self) -> dict[str, Any]:
         """Dotted key -> value of the run's resolved configuration; empty when there is none."""
         try:
-            return flatten(yaml.safe_load(self.run.config.read_text(encoding="utf-8")))
-        except (OSError, AttributeError, yaml.YAMLError):
+            return flatten(read_plain(self.run.config))
+        except (AttributeError, ConfigError):
             return {}
 
     @property
@@ -86,12 +85,20 @@ class Trial:
     @property
     def seconds(self) -> float:
         """Wall clock of the training up to its last evaluation."""
-        return float(self.evaluations[-1].get("seconds", 0.0)) if self.evaluations else 0.0
+        return number(self.evaluations[-1].get("seconds", 0.0)) if self.evaluations else 0.0
 
     def curve(self, figure: str) -> tuple[Floats, Floats]:
         """Env steps and a figure of all evaluations, each (t,); NaN where an evaluation lacks it."""
         steps = np.array([row["env_steps"] for row in self.evaluations], dtype=np.float64)
-        return steps, np.array([row.get(figure, math.nan) for row in self.evaluations], dtype=np.float64)
+        return steps, np.array([number(row.get(figure)) for row in self.evaluations], dtype=np.float64)
+
+
+def number(value: Any) -> float:
+    """A figure as a float; NaN where it is none."""
+    try:
+        return float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:
+        return math.nan
 
 
 @dataclass(frozen=True)
@@ -185,7 +192,7 @@ def read(folder: Path) -> Results:
             search=bool(about.get("search")),
             trials=trials,
         )
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError, OverflowError, RecursionError) as error:
         if isinstance(error, ResultsError):
             raise
         raise ResultsError(f"{description}: is not a study's ({error}): let `freemesh study` write it anew") from error
@@ -194,14 +201,16 @@ def read(folder: Path) -> Results:
 def _description(folder: Path) -> dict[str, Any]:
     path = folder / "study.yaml"
     try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open("rb"):
+            pass
+        tree = read_plain(path)
     except OSError:
         there = sorted(entry.parent.name for entry in folder.parent.glob("*/study.yaml"))
         known = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are none"
         raise ResultsError(
             f"{folder}: no such study: {known} in {folder.parent}; `freemesh study NAME` begins one"
         ) from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except ConfigError as error:
         raise ResultsError(f"{path}: is not valid YAML: let `freemesh study` write it anew") from error
     if not isinstance(tree, dict) or not isinstance(tree.get("study"), dict):
         raise ResultsError(f"{path}: has no section study: let `freemesh study` write it anew")
@@ -212,20 +221,15 @@ def _trials(folder: Path) -> list[Trial]:
     path = StudyFolder(folder).trials
     try:
         trials = [_trial(entry, folder) for entry in StudyFolder(folder).read()]
-    except OSError:
-        trials = []
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ResultsError(
-            f"{path}: is not a list of trials ({error!r}): let `freemesh study` write it anew"
-        ) from error
+    except (RunError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        reason = str(error).partition(": ")[2] if isinstance(error, RunError) else repr(error)
+        raise ResultsError(f"{path}: {reason}") from error
     if not trials:
         raise ResultsError(f"{path}: no trial yet: begin with `freemesh study {folder.resolve().name}`")
     return trials
 
 
 def _trial(entry: Entry, folder: Path) -> Trial:
-    if entry.status not in STATUSES:
-        raise ValueError(f"status {entry.status!r} is none of {', '.join(STATUSES)}")
     run, settings = RunFolder(folder / entry.run), flatten(entry.settings or {})
     return Trial(str(entry.label), int(entry.seed), run, entry.status, entry.error or "", settings)
 

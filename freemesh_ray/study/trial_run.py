@@ -25,9 +25,12 @@ FINISHED = "finished.json"
 
 
 def finished(folder: RunFolder) -> dict[str, Any] | None:
-    """The last figures of a run folder whose training came to its end; None of any other."""
-    path = folder.path / FINISHED
-    return json.loads(path.read_text()) if path.is_file() else None
+    """The last figures of a run folder whose training came to its end; None of any other, or where they are damaged."""
+    try:
+        figures = json.loads((folder.path / FINISHED).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return figures if isinstance(figures, dict) else None
 
 
 class TrialRun(tune.Trainable):

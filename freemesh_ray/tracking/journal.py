@@ -80,7 +80,9 @@ class Journal:
             time.sleep(0.05)
         try:  # only now: whoever held it may have written the state
             state = State(**json.loads(path.with_suffix(".json").read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
+            if not (isinstance(state.uri, str) and isinstance(state.experiment, str) and state.sent >= 0):
+                raise ValueError("no state of a journal")
+        except (OSError, ValueError, TypeError, RecursionError):
             os.close(descriptor)
             return None
         journal = cls(path, descriptor, state)
@@ -124,7 +126,7 @@ class Journal:
                 start += len(line)
                 try:
                     event = json.loads(line)
-                except ValueError:
+                except (ValueError, RecursionError):
                     event = {}
                 yield (event if isinstance(event, dict) else {}), start
 

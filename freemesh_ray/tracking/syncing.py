@@ -49,7 +49,7 @@ def sync(folder: str | Path, uri: str | None = None, also: Sequence[Path] = ()) 
 def _settle(path: Path, uri: str | None) -> int:
     journal = Journal.claim(path)
     if journal is None:
-        log.warning("tracking: %s belongs to a run that is at work; left as it is", path)
+        log.warning("tracking: %s belongs to a run that is at work, or is damaged; left as it is", path)
         return 0
     try:
         if uri is not None and absolute(uri) != journal.state.uri:
