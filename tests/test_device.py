@@ -161,9 +161,7 @@ def test_a_training_that_wants_a_missing_gpu_begins_nothing(
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 0)
     monkeypatch.chdir(tmp_path)
     assert cli.main(["train", "--set", "learner.device=cuda"]) == cli.BAD_INPUT
-    assert (
-        capsys.readouterr().err == "freemesh: learner.device: cuda needs 1 GPU(s), and there are 0: use auto or cpu\n"
-    )
+    assert capsys.readouterr().err == "freemesh: learner.device: cuda needs 1 GPU(s), there are 0: use auto or cpu\n"
     assert not list(tmp_path.iterdir())
 
 

@@ -48,7 +48,6 @@ def gpus_per_learner(device: str, learners: int, gpus: int) -> int:
     """
     enough = gpus >= max(1, learners)
     if device == "cuda" and not enough:
-        raise ConfigError(
-            f"learner.device: cuda needs {max(1, learners)} GPU(s), and there are {gpus}: use auto or cpu"
-        )
+        wanted = max(1, learners)
+        raise ConfigError(f"learner.device: cuda needs {wanted} GPU(s), there are {gpus}: use auto or cpu")
     return int(enough and device != "cpu")

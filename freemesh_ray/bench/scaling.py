@@ -28,7 +28,7 @@ from freemesh_ray.local_ray import local_ray
 RUNNERS, LEARNERS = (1, 2, 4, 8), (0, 1, 2)
 #: The return to be reached, as a mean of so many training episodes; of trials as short as ``QUICK`` s a measurement a
 #: return that all reach at once.
-RETURN, QUICK_RETURN, EPISODES = -15.0, -80.0, 50
+RETURN, QUICK_RETURN, EPISODES = -15.0, -1_000.0, 50
 QUICK = 2.0
 #: Seconds after which a training that has not reached it is given up.
 PATIENCE = 180.0
