@@ -22,10 +22,8 @@ MOST_ARRAYS = 1000
 #: What its arrays can hold: truth values, whole numbers, floats, text.
 KINDS = "biufU"
 
-#: What `zipfile` raises of damaged archives; the last two of encrypted ones and of other methods of packing.
-DAMAGES = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, RuntimeError, NotImplementedError,
-)  # fmt: skip
+#: What `zipfile` raises of damaged archives; the last of encrypted ones and of other methods of packing.
+DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, RuntimeError)
 
 HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
@@ -46,18 +44,8 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
             if len(members) > MOST_ARRAYS or sum(member.file_size for member in members) > MOST_BYTES:
                 raise ValueError(f"more than {MOST_ARRAYS:,} arrays, or {MOST_BYTES:,} bytes when unpacked")
             return {member.filename.removesuffix(".npy"): array_in(archive.read(member)) for member in members}
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        lzma.LZMAError,
-        struct.error,
-        EOFError,
-        NotImplementedError,
-        OSError,
-    ) as error:
+    except DAMAGES as error:
         raise ValueError(f"no sound archive: {error}") from error
-    except RuntimeError as error:  # an encrypted one
-        raise ValueError(str(error)) from error
 
 
 def array_in(content: bytes) -> np.ndarray:

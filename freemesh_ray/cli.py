@@ -12,6 +12,7 @@ from typing import NoReturn
 
 from freemesh_ray.compare import command as compare_command
 from freemesh_ray.jobs import command as jobs_command
+from freemesh_ray.local_ray import environment as ray_environment
 from freemesh_ray.paper_tables import command as paper_command
 from freemesh_ray.report import command as report_command
 from freemesh_ray.serving import command as serve_command
@@ -186,6 +187,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     options = parser().parse_args(arguments)
+    ray_environment()
     from envs.types import DomainError
     from freemesh_ray.atomic import OutputError
     from freemesh_ray.checkpoint import CheckpointError
@@ -193,14 +195,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from freemesh_ray.config import ConfigError
     from freemesh_ray.mesher import MeshingError
     from freemesh_ray.policy import PolicyError
-    from freemesh_ray.runs import RunError
+    from freemesh_ray.runs import RunError, TrainingError
 
     try:
         return COMMANDS[options.command](options)
     except (DomainError, ConfigError, OutputError, PolicyError, RunError, CheckpointError, MeshFileError) as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return BAD_INPUT
-    except MeshingError as error:
+    except (MeshingError, TrainingError) as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:

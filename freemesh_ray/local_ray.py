@@ -33,6 +33,21 @@ def _without_its_greeting() -> Iterator[None]:
                     print(line, file=sys.stderr)
 
 
+def environment() -> None:
+    """Set what Ray reads when it is imported, where the environment does not say it; to be called before."""
+    if not os.environ.get("RAY_ADDRESS"):
+        # The node's address is then 127.0.0.1, on every system, and all of Ray's servers listen there alone.
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
+        # And who has an account on this machine needs a token, which dies with this process. A Ray that is imported
+        # already has chosen its mode.
+        if "ray" not in sys.modules and os.environ.setdefault("RAY_AUTH_MODE", "token") == "token":
+            os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("PYTHONWARNINGS", "ignore::DeprecationWarning")
+
+
 def _start(slots: int) -> None:
     """Start a Ray with as many slots as processes, whatever the machine has: they share its cores."""
     import ray
@@ -53,17 +68,7 @@ def local_ray(workers: int) -> Iterator[None]:
 
     An address in RAY_ADDRESS is used instead.
     """
-    # Read when Ray is imported.
-    if not os.environ.get("RAY_ADDRESS"):
-        # The node's address is then 127.0.0.1, on every system, and all of Ray's servers listen there alone.
-        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
-        # And who has an account on this machine needs a token, which dies with this process.
-        if os.environ.setdefault("RAY_AUTH_MODE", "token") == "token":
-            os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    os.environ.setdefault("PYTHONWARNINGS", "ignore::DeprecationWarning")
+    environment()
     warnings.filterwarnings("ignore", category=DeprecationWarning)
     # RLlib registers its one environment name again for every algorithm.
     warnings.filterwarnings("ignore", message=".*Overriding environment rllib.*")

@@ -26,6 +26,10 @@ class RunError(RuntimeError):
     """A run that cannot begin or go on; one line with its folder, what is wrong and the fix."""
 
 
+class TrainingError(RuntimeError):
+    """A run that fails again and again; one line with its folder, the last reason and where it can go on."""
+
+
 @dataclass(frozen=True)
 class RunFolder:
     """Paths below one run's folder.

@@ -8,26 +8,20 @@ short or changed from a whole one.
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from freemesh_ray.array_archive import DAMAGES, KINDS, array_in
+
 TREE = "tree.json"
-#: Kinds of arrays: booleans, integers, floats and fixed-width text, never objects.
-KINDS = "biufU"
 #: What reading a file that was cut short or changed raises.
-DAMAGE = (
-    zipfile.BadZipFile, struct.error, zlib.error, OSError, EOFError, KeyError, ValueError, TypeError, RuntimeError,
-    OverflowError, MemoryError,
-)  # fmt: skip
+DAMAGE = (*DAMAGES, KeyError, ValueError, TypeError, OverflowError, MemoryError)
 
 
 class StateFileError(ValueError):
@@ -70,16 +64,11 @@ def load(path: Path) -> Any:
         with file, zipfile.ZipFile(file) as archive:
             tree = json.loads(archive.read(TREE))
             names = {int(name.removesuffix(".npy")): name for name in archive.namelist() if name != TREE}
-            arrays = {i: _array(archive, name) for i, name in names.items()}
+            arrays = {i: array_in(archive.read(name)).copy() for i, name in names.items()}  # all of it, checked
         return _restored(tree, arrays)
     except DAMAGE as error:
         brief = (str(error) or type(error).__name__).splitlines()[0][:120]
         raise StateFileError(f"{path}: damaged ({brief})") from error
-
-
-def _array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
-    # All of it is read, and its check sum compared, before anything is made of it.
-    return np.load(io.BytesIO(archive.read(name)), allow_pickle=False)
 
 
 def _described(node: Any, arrays: list[np.ndarray]) -> Any:

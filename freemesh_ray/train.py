@@ -8,6 +8,7 @@ The loop in brackets is `freemesh_ray.training`.
 from __future__ import annotations
 
 import json
+import math
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -21,12 +22,12 @@ from envs.mesh import Mesh
 from envs.types import Domain, DomainError
 from freemesh_ray import checkpoint, export, plots
 from freemesh_ray.atomic import OutputError, replacing
-from freemesh_ray.config import dump, flatten
+from freemesh_ray.config import ConfigError, dump, flatten
 from freemesh_ray.config import load as load_config
 from freemesh_ray.mesher import MeshingError, make
 from freemesh_ray.metrics import measure
 from freemesh_ray.policy import Policy
-from freemesh_ray.runs import RunError, RunFolder
+from freemesh_ray.runs import RunError, RunFolder, TrainingError
 from freemesh_ray.tracking import Run
 from freemesh_ray.training import Algorithm, Progress, Status, Training
 
@@ -86,7 +87,7 @@ class Trained:
 
 
 #: Errors of the input or the place, which going back to a checkpoint does not mend.
-FINAL = (DomainError, RunError, OutputError, checkpoint.CheckpointError)
+FINAL = (DomainError, ConfigError, RunError, OutputError, checkpoint.CheckpointError)
 
 
 def train(
@@ -107,7 +108,9 @@ def train(
         report, note, interrupted: see Training.
 
     Raises:
-        DomainError, RunError: see `prepare`; or it failed more often in a row than ``checkpoint.retries``.
+        DomainError, RunError: see `prepare`.
+        ConfigError: a setting that cannot be had here, as a GPU.
+        TrainingError: it failed more often in a row than ``checkpoint.retries``.
         CheckpointError: none of its checkpoints can be read.
         OutputError: something cannot be written.
     """
@@ -125,7 +128,7 @@ def train(
             now = [path.name for path in checkpoint.found(folder.checkpoints)]
             failures = 1 if now[:1] != before[:1] else failures + 1
             if failures > config["checkpoint"]["retries"]:
-                raise RunError(
+                raise TrainingError(
                     f"{folder.path}: {brief} ({folder.failures.name} has more): mend the cause, --resume goes on from "
                     f"{now[0] if now else 'the start'}"
                 ) from error
@@ -274,7 +277,7 @@ def draw_curve(folder: RunFolder) -> Path:
     series = {}
     for kind in ("deterministic", "stochastic"):
         key = f"eval_{kind}/return"
-        series[kind] = ([row["env_steps"] for row in rows], [row[key] for row in rows])
+        series[kind] = ([row["env_steps"] for row in rows], [row.get(key, math.nan) for row in rows])
     plots.draw_curves(
         series, folder.curve, xlabel="environment steps", ylabel="mean return of an evaluation episode",
         title="Evaluation return over all stages",

@@ -1,7 +1,7 @@
 """Faults done to a training on a real cluster: its driver, a worker node and the head killed, its job stopped.
 
 The training is submitted as a job and never ends by itself. docs/faults.md is the table of these tests; with
-``pytest -rP`` they print its seconds and steps.
+``pytest -rP`` they print its seconds.
 """
 
 from __future__ import annotations

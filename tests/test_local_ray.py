@@ -14,7 +14,10 @@ from processes import ROOT
 
 OWN = """
 import json, os, subprocess, sys
+from freemesh_ray import cli
 from freemesh_ray.local_ray import local_ray
+
+cli.main(["domains"])  # commands import Ray at various times
 
 STRANGER = "import ray, sys; ray.init(sys.argv[1], logging_level=50); print(len(ray.nodes()))"
 

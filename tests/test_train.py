@@ -18,7 +18,7 @@ from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.curriculum import Curriculum
 from freemesh_ray.evaluate import run_episodes, summary
 from freemesh_ray.policy import Policy
-from freemesh_ray.runs import RunError, RunFolder
+from freemesh_ray.runs import RunError, RunFolder, TrainingError
 from freemesh_ray.tracking import Run
 from freemesh_ray.train import train
 from freemesh_ray.training import Progress, Status, Training
@@ -296,7 +296,7 @@ def test_failures_with_checkpoints_in_between_are_not_counted_together(settings:
 def test_it_gives_up_in_one_line_and_can_be_resumed(settings: dict[str, Any]) -> None:
     settings["checkpoint"]["retries"] = 2
     factory = Factory(700, 700, 700)
-    with pytest.raises(RunError, match=r"fake: the learner is gone \(failures.log has more\).*step_000000400"):
+    with pytest.raises(TrainingError, match=r"fake: the learner is gone \(failures.log has more\).*step_000000400"):
         train(settings, make=factory)
     assert len(factory.made) == 3
     assert train(settings, make=Factory(), resume=True).progress.env_steps == 1000

@@ -23,6 +23,8 @@ from freemesh_ray.policy import Policy
 
 #: Seconds between two looks whether an env runner that died is back: each look holds up the training.
 PROBE_SECONDS = 3.0
+#: Seconds to wait where there is no env runner to ask.
+PAUSE_SECONDS = 0.2
 #: Failures of one env runner, in a row, that are taken for chance.
 MOST_FAILURES = 5
 
@@ -125,6 +127,7 @@ class MeshAlgorithm(Algorithm):
         manager = self.env_runner_group._worker_manager
         asked = manager.healthy_actor_ids()
         if not asked:
+            time.sleep(PAUSE_SECONDS)
             return {}
         patience = self.config.runner_timeout
         results = manager.foreach_actor(method, kwargs=request, remote_actor_ids=asked, timeout_seconds=patience)
