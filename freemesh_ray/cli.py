@@ -187,7 +187,8 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     options = parser().parse_args(arguments)
-    ray_environment()
+    if options.command != "submit":  # which talks to somebody else's Ray
+        ray_environment()
     from envs.types import DomainError
     from freemesh_ray.atomic import OutputError
     from freemesh_ray.checkpoint import CheckpointError
