@@ -22,7 +22,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
-from processes import QUIET, free_port
+from processes import QUIET, free_port, outside
 
 RAY = str(Path(sys.executable).with_name("ray"))
 MARK = "FREEMESH_TEST_NODE"
@@ -181,7 +181,7 @@ class Cluster:
 
     def ray(self, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
         """Run the ``ray`` command with the cluster's address and token."""
-        variables = os.environ | LIGHT | self.environment
+        variables = outside() | LIGHT | self.environment
         return subprocess.run([RAY, *arguments], env=variables, capture_output=True, text=True, timeout=300, **options)
 
     # ---- underneath -------------------------------------------------------------------------------------------------
@@ -199,8 +199,7 @@ class Cluster:
             "--max-worker-port", "0", "--dashboard-agent-listen-port", str(free_port()),
             "--include-log-monitor", "false", "--disable-usage-stats",
         ]  # fmt: skip
-        variables = os.environ | self._variables | {MARK: self._mark(name)}
-        variables.pop("RAY_ADDRESS", None)
+        variables = outside() | self._variables | {MARK: self._mark(name)}
         with (self._folder / f"{name}.log").open("ab") as log:
             self._nodes[name] = subprocess.Popen(
                 [RAY, "start", *arguments, *common], env=variables, stdout=log, stderr=log, stdin=subprocess.DEVNULL,

@@ -26,6 +26,11 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
+def outside() -> dict[str, str]:
+    """The environment without what tells of a Ray of this process's own."""
+    return {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
+
+
 class Server:
     """A process group that answers HTTP on ``port`` of the loopback device, in a ``with`` block."""
 

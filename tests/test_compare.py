@@ -265,7 +265,7 @@ def test_missing_peers_are_left_out(
     (["T11"], "T1"),
     (["square.json", "--peers", "gmsch"], "'gmsch' is no peer: use gmsh-default"),
     (["square.json", "--mesh", "pave.inp"], "write LABEL=FILE"),
-    (["square.json", "--mesh", "a=square.json"], "square.json: cannot be read"),
+    (["square.json", "--mesh", "a=square.json"], "square.json: unknown format"),
     (["square.json", "square.json"], "two domains of this name"),
     (["square.json", "--policy", "missing.npz"], "missing.npz"),
     (["square.json", "--policy", "none"], "nothing to compare"),

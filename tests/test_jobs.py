@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
@@ -16,7 +15,7 @@ from typing import Any
 import pytest
 import yaml
 from cluster import OVER, Cluster, until
-from processes import ROOT, Server, mlflow_server
+from processes import ROOT, Server, mlflow_server, outside
 
 from envs.kernels.compiled import _cache_folder
 from freemesh_ray.provenance import COMMIT
@@ -76,7 +75,7 @@ def submit(cluster: Cluster, checkout: Path, *arguments: str, **variables: str) 
     """``freemesh submit`` from a checkout; the cluster's address and token are in its environment."""
     return subprocess.run(
         [sys.executable, "-m", "freemesh_ray", "submit", *arguments], cwd=checkout, capture_output=True, text=True,
-        env=os.environ | {"PYTHONPATH": str(checkout)} | cluster.environment | variables, timeout=300,
+        env=outside() | {"PYTHONPATH": str(checkout)} | cluster.environment | variables, timeout=300,
     )  # fmt: skip
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import ipaddress
 import json
-import os
 import subprocess
 import sys
 from typing import Any
 
 import pytest
-from processes import ROOT
+from processes import ROOT, outside
 
 OWN = """
 import json, os, subprocess, sys
@@ -38,10 +37,9 @@ with local_ray(1):
 
 @pytest.fixture(scope="module")
 def told() -> dict[str, Any]:
-    variables = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
     done = subprocess.run(
         [sys.executable, "-c", OWN],
-        env=variables | {"PYTHONPATH": str(ROOT)},
+        env=outside() | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=400,
