@@ -174,7 +174,7 @@ def summary(
                 }
             )
     return {
-        "machine": {"cores": cores, "system": platform.platform()},
+        "machine": {"cores": cores, "system": f"{platform.system()} {platform.machine()}"},
         "setup": {key: value for key, value in asdict(here).items() if key not in ("runners", "learners")},
         "seconds": seconds,
         "costs": asdict(costs),
