@@ -154,7 +154,19 @@ class Cluster:
             variables: of its environment.
         """
         asked = {"entrypoint": line, "runtime_env": {"env_vars": variables}, "entrypoint_num_cpus": cpus}
-        return self._request("/api/jobs/", asked)["submission_id"]
+        taken: list[str] = []
+
+        def accepted() -> bool:
+            """Not yet, where a head that has just come back knows none of its own nodes' agents: that is a 500."""
+            try:
+                taken.append(self._request("/api/jobs/", asked)["submission_id"])
+            except urllib.error.HTTPError as error:
+                if error.code != 500:
+                    raise
+            return bool(taken)
+
+        until(accepted, 60, self.trouble)
+        return taken[0]
 
     def status(self, job: str) -> str:
         """PENDING, RUNNING, SUCCEEDED, FAILED or STOPPED; empty while the head is away."""
