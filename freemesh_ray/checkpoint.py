@@ -106,16 +106,14 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return state, progress
 
 
-def restore(algorithm: Checkpointed, path: Path) -> dict[str, Any]:
-    """Take over a checkpoint; its progress.
+def hand_over(algorithm: Checkpointed, state: dict[str, Any], path: Path) -> None:
+    """Give an algorithm the state that was read from ``path``.
 
     Raises:
-        CheckpointError: it cannot be read, or is of another algorithm.
+        CheckpointError: it is of another algorithm.
     """
-    state, progress = read(path)
     try:
         algorithm.set_state(state)
     except (ValueError, KeyError, TypeError, AttributeError, RuntimeError) as error:
         brief = (str(error) or type(error).__name__).splitlines()[0][:160]
         raise CheckpointError(f"{path}: not a checkpoint of this training ({brief}): begin another") from error
-    return progress

@@ -147,12 +147,12 @@ class Training:
         damaged = None
         for path in checkpoint.found(self.folder.checkpoints):
             try:
-                checkpoint.read(path)
+                read = checkpoint.read(path)
             except checkpoint.CheckpointError as error:
                 self.note(f"{error}; set aside as {checkpoint.set_aside(path).name}, going back to the one before")
                 damaged = error
                 continue
-            self.restore(path)
+            self._take_over(path, *read)
             self.note(f"going on from {path} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
             return True
         self.folder.forget_after(-1)
@@ -166,9 +166,12 @@ class Training:
         Raises:
             CheckpointError: it cannot be read.
         """
-        restored = checkpoint.restore(self.algorithm, path)
+        self._take_over(path, *checkpoint.read(path))
+
+    def _take_over(self, path: Path, state: dict[str, Any], progress: dict[str, Any]) -> None:
+        checkpoint.hand_over(self.algorithm, state, path)
         try:
-            self.progress = Progress(**restored)
+            self.progress = Progress(**progress)
         except TypeError as error:
             raise checkpoint.CheckpointError(f"{path}: not a checkpoint of this version ({error})") from error
         self.folder.forget_after(self.progress.env_steps)

@@ -112,7 +112,7 @@ def test_a_restored_training_goes_on_as_the_original(name: str, tmp_path: Path) 
     rounds(original, 450)
     checkpoint.write(original, {}, tmp_path / "checkpoint")
     restored = make(name, "seed=99")
-    checkpoint.restore(restored, tmp_path / "checkpoint")
+    checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     for algorithm in (original, restored):
         rounds(algorithm, 300)
     assert restored.updates == original.updates > 0
@@ -131,7 +131,7 @@ def test_a_restored_training_learns_at_the_rate_of_its_configuration(name: str, 
     rounds(original, 300)
     checkpoint.write(original, {}, tmp_path / "checkpoint")
     restored = make(name, "learner.learning_rate=1e-9")
-    checkpoint.restore(restored, tmp_path / "checkpoint")
+    checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     for key, value in weights(original).items():
         np.testing.assert_array_equal(weights(restored)[key], value, err_msg=key)
     assert (restored.env_steps, restored.updates) == (original.env_steps, original.updates)
@@ -140,7 +140,7 @@ def test_a_restored_training_learns_at_the_rate_of_its_configuration(name: str, 
         rounds(algorithm, 150)
         assert algorithm.updates > 0
     drift = {key: np.abs(weights(restored)[key] - value).max() for key, value in weights(original).items()}
-    checkpoint.restore(original, tmp_path / "checkpoint")
+    checkpoint.hand_over(original, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     for key, value in weights(original).items():
         if not key.startswith("target"):
             np.testing.assert_allclose(weights(restored)[key], value, rtol=0, atol=1e-6, err_msg=key)

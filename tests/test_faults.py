@@ -205,10 +205,14 @@ def test_an_environment_that_cannot_be_mended_ends_the_training_in_one_line(ray:
     assert patient.train(resume=True).progress.env_steps >= 6000
 
 
-def test_an_environment_that_hangs_is_given_up_and_replaced(ray: None, tmp_path: Path) -> None:
-    patient = Patient(tmp_path, hang, sets=("runners.timeout=3",))
+@pytest.mark.parametrize(("runners", "seconds"), [(2, 3), (1, 20)])
+def test_an_environment_that_hangs_is_given_up_and_replaced(
+    runners: int, seconds: int, ray: None, tmp_path: Path
+) -> None:
+    patient = Patient(tmp_path, hang, sets=(f"runners.count={runners}", f"runners.timeout={seconds}"))
     assert patient.train().progress.env_steps >= 6000
-    assert patient.noted("env runner 1 failed (no answer within 3 s)")
+    assert patient.noted(f"env runner 1 failed (no answer within {seconds} s)")
+    assert not patient.noted("going back")
 
 
 def test_a_loss_that_is_no_number_goes_back_to_the_last_checkpoint(ray: None, tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def test_a_restored_training_goes_on_as_the_original(runners: int, tmp_path: Pat
     assert original.updates > 0
     checkpoint.write(original, {}, tmp_path / "checkpoint")
     restored = make(runners, seed=99)
-    checkpoint.restore(restored, tmp_path / "checkpoint")
+    checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     assert restored.env_steps == original.env_steps
     assert restored.updates == original.updates
     assert restored.curriculum == original.curriculum
@@ -107,7 +107,7 @@ def test_a_checkpoint_of_other_stages_is_refused(tmp_path: Path) -> None:
     checkpoint.write(original, {}, tmp_path / "checkpoint")
     other = make(curriculum=Curriculum(("T2",)))
     with pytest.raises(checkpoint.CheckpointError, match="T1 -> T2"):
-        checkpoint.restore(other, tmp_path / "checkpoint")
+        checkpoint.hand_over(other, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     for algorithm in (original, other):
         algorithm.stop()
 

@@ -231,7 +231,7 @@ def test_an_unreadable_checkpoint_is_named(tmp_path: Path) -> None:
     path = checkpoint.save(Fake(), {"env_steps": 1}, tmp_path, keep=2)
     (path / "progress.json").write_text("{")
     with pytest.raises(checkpoint.CheckpointError, match="step_000000001"):
-        checkpoint.restore(Fake(), path)
+        checkpoint.read(path)
 
 
 def _folder(tmp_path: Path) -> RunFolder:

@@ -93,7 +93,9 @@ class MeshAlgorithm(Algorithm):
         #: What went wrong and was overcome since the caller last took it, a line each.
         self.incidents: list[str] = []
         self._failures: Counter[int] = Counter()
-        self._heard = self._probed = time.monotonic()
+        #: Since when no env runner answers; None while one does.
+        self._silent: float | None = None
+        self._probed = time.monotonic()
 
     def _from_runners(self, method: str, **request: Any) -> list[Any]:
         """What the env runners answer to a call of ``method``, with the curriculum's task as ``task``.
@@ -117,8 +119,10 @@ class MeshAlgorithm(Algorithm):
                 self._failures.pop(runner, None)
                 answers.append(answer)
         if answers:
-            self._heard = time.monotonic()
-        elif time.monotonic() - self._heard > self.config.runner_timeout:
+            self._silent = None
+        elif self._silent is None:  # what was asked may have taken its time: a replacement gets as long again
+            self._silent = time.monotonic()
+        elif time.monotonic() - self._silent > self.config.runner_timeout:
             raise EnvRunnerError(f"no env runner has answered for {self.config.runner_timeout:.0f} s")
         return answers
 
