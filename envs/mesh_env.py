@@ -10,10 +10,10 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from envs import observation
-from envs.action import KINDS, REJECTIONS
-from envs.domain import RandomDomains, source
-from envs.episodes import Episodes
+from envs.domains.load import RandomDomains, source
+from envs.mdp import observation
+from envs.mdp.action import KINDS, REJECTIONS
+from envs.mdp.episodes import Episodes
 from envs.render import draw_episode
 from envs.types import OBSERVATIONS, RADII, Domain, MeshingParameters
 
@@ -109,7 +109,7 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
         render_mode: ``"rgb_array"`` or None.
         options: fields of MeshingParameters, ``observation`` (O1, O2, O3) and ``radius`` (R1, R2, R3).
 
-    Observation, action, reward and the end of an episode: see ``envs.observation``, ``envs.action``, ``envs.reward``.
+    Observation, action, reward and the end of an episode: see the files of ``envs.mdp``.
 
     ``info`` of a step: ``eta_e``, ``eta_b``, ``mu``, ``nu`` (the reward's terms), ``rejection`` (empty, or why the
     action was invalid), ``kind`` (right, one, left, two). When the episode ends also ``mesh`` (a Mesh), ``completed``,

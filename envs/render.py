@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from envs.episodes import Episodes
+from envs.mdp.episodes import Episodes
 
 SIZE = 512  # pixels, width and height
 

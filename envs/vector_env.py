@@ -10,8 +10,8 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from envs.action import KINDS, REJECTIONS
-from envs.episodes import Episodes
+from envs.mdp.action import KINDS, REJECTIONS
+from envs.mdp.episodes import Episodes
 from envs.mesh_env import DomainSpec, Task, domains_of, ending, parameters_of, spaces_of
 from envs.render import draw_episode
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from freemesh_ray.api import Mesh, mesh
+    from freemesh_ray.mesher.api import Mesh, mesh
 
 __all__ = ["Mesh", "mesh"]
 __version__ = "0.1.0"
@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 def __getattr__(name: str) -> Any:
     # On demand: the platform's processes need no mesher.
     if name in __all__:
-        from freemesh_ray import api
+        from freemesh_ray.mesher import api
 
         return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

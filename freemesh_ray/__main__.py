@@ -1,5 +1,5 @@
 """``python -m freemesh_ray`` is the ``freemesh`` command."""
 
-from freemesh_ray.cli import main
+from freemesh_ray.cli.command import main
 
 raise SystemExit(main())

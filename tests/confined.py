@@ -31,8 +31,8 @@ def confine() -> None:
     import ezdxf.recover  # noqa: F401
     import scipy.interpolate  # noqa: F401
 
-    import envs.domain  # noqa: F401
-    import freemesh_ray.policy  # noqa: F401
+    import envs.domains.load  # noqa: F401
+    import freemesh_ray.policies.policy  # noqa: F401
 
     size = re.search(r"VmSize:\s+(\d+)", Path("/proc/self/status").read_text())
     assert size is not None

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 
-from envs.domain import from_rings
+from envs.domains.load import from_rings
 from envs.types import Floats, Ints
 
 Ring = tuple[Floats, Ints]

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from envs.action import ACCEPTED
-from envs.domain import load
-from envs.episodes import Episodes
-from envs.front import Front, ring_slots
+from envs.domains.load import load
+from envs.mdp.action import ACCEPTED
+from envs.mdp.episodes import Episodes
+from envs.mdp.front import Front, ring_slots
 from envs.types import Domain, Floats, MeshingParameters
 
 

@@ -15,7 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-ROOT = Path(__file__).parents[1]
+from checkout import ROOT
+
 #: MLflow without reports to its makers, and without the processes that run jobs for it.
 QUIET: Mapping[str, str] = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
 

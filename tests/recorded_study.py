@@ -12,7 +12,7 @@ import yaml
 
 from envs.types import MeshingParameters
 from freemesh_ray import config
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.policy import Policy
 
 
 def saturating(steps: np.ndarray, end: float, pace: float, noise: float, random: np.random.Generator) -> np.ndarray:

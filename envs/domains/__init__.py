@@ -1,1 +1,1 @@
-"""The catalogue: one JSON and one SVG for each domain, written by :mod:`envs.domains.design`."""
+"""Domains: named, drawn at random, or read from a file; the entry is :mod:`envs.domains.load`."""

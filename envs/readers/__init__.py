@@ -1,7 +1,7 @@
 """Polygon files in: every format becomes a list of polygons, each a list of rings as the file states them.
 
 A reader takes the path and the edge length that outlines are to be discretised by, or None; curves are flattened to
-suit. The outer ring comes first, then the holes; :mod:`envs.polygon` validates.
+suit. The outer ring comes first, then the holes; :mod:`envs.polygons.polygon` validates.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.curves import ChordsError
+from envs.polygons.curves import ChordsError
+from envs.polygons.rings import check_count, check_rings
 from envs.readers.dxf import polygons_of_dxf
 from envs.readers.geo import polygons_of_geo
 from envs.readers.json_text import polygons_of_json
@@ -20,7 +21,6 @@ from envs.readers.msh import polygons_of_msh
 from envs.readers.source import check_file, text_of
 from envs.readers.table import number_in, polygons_of_table
 from envs.readers.wkt import polygons_of_wkt
-from envs.rings import check_count, check_rings
 from envs.types import DomainError
 
 Polygons = list[list[Any]]

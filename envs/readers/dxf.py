@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from envs import curves
-from envs.curves import Flattening
+from envs.polygons import curves
+from envs.polygons.curves import Flattening
+from envs.polygons.rings import LARGEST_COORDINATE, check_count, extent
 from envs.readers.loops import faces, joined
 from envs.readers.nesting import nested
 from envs.readers.source import excerpt
-from envs.rings import LARGEST_COORDINATE, check_count, extent
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats
 
 #: Ends closer than this share of the drawing's extent meet: drawings are often written with six digits.

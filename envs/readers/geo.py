@@ -16,13 +16,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from envs import curves
-from envs.curves import Flattening
+from envs.polygons import curves
+from envs.polygons.curves import Flattening
+from envs.polygons.rings import LARGEST_COORDINATE, check_count, extent
 from envs.readers.geo_script import Script, tokens
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
 from envs.readers.source import text_of
-from envs.rings import LARGEST_COORDINATE, check_count, extent
 from envs.types import DomainError, Floats
 
 #: Statements that leave the outline as it is.

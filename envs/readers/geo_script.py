@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from envs.rings import MOST_VERTICES
+from envs.polygons.rings import MOST_VERTICES
 from envs.types import DomainError
 
 TOKEN = re.compile(

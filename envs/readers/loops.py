@@ -9,8 +9,8 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from envs.polygons.rings import pairs_of, place
 from envs.readers.nesting import Rings
-from envs.rings import pairs_of, place
 from envs.types import DomainError, Floats, Ints
 
 #: Pairs of different curve ends that meet, at most.

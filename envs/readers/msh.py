@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from envs.polygons.rings import LARGEST_COORDINATE, check_rings, extent
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
 from envs.readers.source import excerpt
-from envs.rings import LARGEST_COORDINATE, check_rings, extent
 from envs.types import DomainError, Floats, Ints
 
 #: Dimension, corners and nodes of Gmsh's element types.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from envs.rings import LARGEST_COORDINATE, check_rings, pairs_of
+from envs.polygons.rings import LARGEST_COORDINATE, check_rings, pairs_of
 from envs.types import DomainError, Floats
 
 #: The rings of one polygon, the outer one first.

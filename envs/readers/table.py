@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from envs.polygons.rings import check_count
 from envs.readers.nesting import nested
 from envs.readers.source import text_of
-from envs.rings import check_count
 from envs.types import DomainError, Floats
 
 #: Lines without a vertex, at most.

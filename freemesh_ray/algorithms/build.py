@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from envs.domain import source
+from envs.domains.load import source
+from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner
 from freemesh_ray.algorithms.environment import register
@@ -17,7 +18,6 @@ from freemesh_ray.algorithms.ppo import PPOConfig
 from freemesh_ray.algorithms.sac import SACConfig
 from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.config import meshing_parameters
-from freemesh_ray.curriculum import Curriculum
 
 Config = Mapping[str, Any]
 

@@ -16,10 +16,10 @@ from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
 from envs.types import MeshingParameters
+from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
-from freemesh_ray.curriculum import Curriculum
-from freemesh_ray.evaluate import KINDS, evaluation_episodes, summary
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.evaluation import KINDS, evaluation_episodes, summary
+from freemesh_ray.policies.policy import Policy
 
 #: Seconds between two looks whether an env runner that died is back: each look holds up the training.
 PROBE_SECONDS = 3.0

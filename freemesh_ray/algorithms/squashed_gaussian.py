@@ -13,7 +13,7 @@ import torch
 from ray.rllib.core.distribution.torch.torch_distribution import TorchDistribution
 from torch.nn.functional import softplus
 
-from freemesh_ray.policy import LOG_STD_MAX, LOG_STD_MIN
+from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN
 
 _HALF_LOG_2_PI = 0.5 * math.log(2.0 * math.pi)
 _LOG_2 = math.log(2.0)

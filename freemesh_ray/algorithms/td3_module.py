@@ -12,7 +12,7 @@ from ray.rllib.core.rl_module.torch.torch_rl_module import TorchRLModule
 
 from freemesh_ray.algorithms.networks import Mlp, MlpStack
 from freemesh_ray.algorithms.squashed_gaussian import SquashedGaussian
-from freemesh_ray.policy import LOG_STD_MIN
+from freemesh_ray.policies.policy import LOG_STD_MIN
 
 
 def log_deviation(noise: float) -> float:

@@ -11,11 +11,11 @@ from freemesh_ray.bench.curves import bench_curves
 from freemesh_ray.bench.environment import bench_env
 from freemesh_ray.bench.gpu import bench_gpu
 from freemesh_ray.bench.learner import bench_learner
-from freemesh_ray.bench.meshing import bench_mesher
+from freemesh_ray.bench.mesher import bench_mesher
 from freemesh_ray.bench.sampling import bench_sampling
 from freemesh_ray.bench.scaling import bench_scaling
-from freemesh_ray.policy import Policy
-from freemesh_ray.serving.load import bench as bench_serving
+from freemesh_ray.bench.serving import bench as bench_serving
+from freemesh_ray.policies.policy import Policy
 
 
 def run(parts: Sequence[str], *, seconds: float, folder: Path, policy: Policy) -> None:

@@ -6,10 +6,10 @@ import sys
 
 import numpy as np
 
-from freemesh_ray import pendulum
+from freemesh_ray.bench import pendulum
 from freemesh_ray.bench.curves import SEEDS
+from freemesh_ray.formatting.table import table
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.table import table
 
 #: Env steps of each algorithm on Pendulum.
 STEPS = {"sac": 6_000, "td3": 10_000, "ddpg": 8_000, "ppo": 50_000}

@@ -10,8 +10,8 @@ import numpy as np
 
 from freemesh_ray import plots
 from freemesh_ray.bench.trainings import DOMAIN, RATIO, algorithm, stable_baselines
+from freemesh_ray.formatting.table import table
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.table import table
 
 SEEDS = (356, 567, 999)
 STEPS = 60_000

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from envs.domain import from_rings
-from envs.episodes import Episodes
+from envs.domains.load import from_rings
+from envs.mdp.episodes import Episodes
 from envs.types import Domain, MeshingParameters
-from freemesh_ray.table import table
+from freemesh_ray.formatting.table import table
 
 FRONTS = (50, 100, 200, 400, 800, 1600)
 BATCH = 64

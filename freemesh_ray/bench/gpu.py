@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from freemesh_ray.table import table
+from freemesh_ray.formatting.table import table
 
 OBSERVATION, ACTION = 15, 3
 BATCHES = (256, 1_024, 4_096, 16_384, 65_536)

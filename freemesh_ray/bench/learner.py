@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from freemesh_ray.bench.trainings import DOMAIN, RATIO, algorithm, stable_baselines
+from freemesh_ray.formatting.table import table
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.table import table
 
 
 def our_updates_per_second(seconds: float) -> float:

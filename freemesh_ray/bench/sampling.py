@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 
 from freemesh_ray.bench.trainings import ENVS, algorithm
+from freemesh_ray.formatting.table import table
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.table import table
 
 FRAGMENTS = (8, 64, 256)
 

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from freemesh_ray import plots
-from freemesh_ray.atomic import check_writable, replacing
 from freemesh_ray.bench import scaling_report
 from freemesh_ray.bench.cost import Costs, Setup, enough, most, round_of
-from freemesh_ray.bench.parts import measure
+from freemesh_ray.bench.round_parts import measure
 from freemesh_ray.bench.trainings import BATCH_SIZE, ENVS, FRAGMENT, RATIO, algorithm
 from freemesh_ray.local_ray import local_ray
+from freemesh_ray.storage.atomic import check_writable, replacing
 
 RUNNERS, LEARNERS = (1, 2, 4, 8), (0, 1, 2)
 #: The return to be reached, as a mean of so many training episodes; of trials as short as ``QUICK`` s a measurement a

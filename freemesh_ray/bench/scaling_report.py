@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from freemesh_ray.bench.cost import MOVES, Costs, Setup, round_of
-from freemesh_ray.table import markdown
+from freemesh_ray.formatting.table import markdown
 
 Found = Mapping[str, Any]
 #: What the parts measured alone are called, and what their numbers are multiplied by.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from envs.domain import load
+from envs.domains.load import load
 from envs.types import MeshingParameters
 
 #: The domain, environments, and gradient steps for each env step, on both sides.
@@ -50,7 +50,7 @@ def stable_baselines(*, seed: int, warmup: int = 1000) -> Any:
     import torch
     from stable_baselines3 import SAC
 
-    from freemesh_ray.sb3_env import MeshVecEnv
+    from freemesh_ray.bench.sb3_env import MeshVecEnv
 
     torch.set_num_threads(1)
     env = MeshVecEnv(load(DOMAIN), MeshingParameters(), ENVS)

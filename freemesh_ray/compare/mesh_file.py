@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.rings import LARGEST_COORDINATE
+from envs.polygons.rings import LARGEST_COORDINATE
 from envs.types import Domain, Floats, Ints
 from freemesh_ray.compare.abaqus_file import read_abaqus
 from freemesh_ray.compare.confined import read_confined

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.rings import loops
+from envs.polygons.rings import loops
 from envs.types import Domain
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from envs.domain import load
+from envs.domains.load import load
 from envs.types import Domain
 from freemesh_ray.mesher import Made, make
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.policy import Policy
 
 #: Domain in, mesh out; raises MeshingError.
 Make = Callable[[Domain], Made]

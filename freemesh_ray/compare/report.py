@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from freemesh_ray.atomic import replacing
 from freemesh_ray.compare.row import Row
-from freemesh_ray.table import markdown, number, table
+from freemesh_ray.formatting.table import markdown, number, table
+from freemesh_ray.storage.atomic import replacing
 
 #: Figure -> column, format. Those marked * are by the authors' definitions.
 COLUMNS: dict[str, tuple[str, str]] = {

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from freemesh_ray.compare.mixed_mesh import MixedMesh
-from freemesh_ray.metrics import measure
+from freemesh_ray.meshes.metrics import measure
 
 
 @dataclass(frozen=True)

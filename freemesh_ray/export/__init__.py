@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 
 from envs.mesh import Mesh
-from freemesh_ray.atomic import OutputError, replacing
 from freemesh_ray.export import abaqus, gmsh, nastran, vtk, wavefront
 from freemesh_ray.export.finite_elements import FiniteElements, finite_elements
+from freemesh_ray.storage.atomic import OutputError, replacing
 
 __all__ = ["SUFFIXES", "write"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.mesh import Mesh, sides
+from envs.polygons.rings import loops, signed_area
 from envs.quality import element_quality
-from envs.rings import loops, signed_area
 from envs.types import Floats, Ints
 
 

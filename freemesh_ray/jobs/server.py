@@ -8,7 +8,7 @@ import urllib.request
 from collections.abc import Mapping
 from pathlib import Path
 
-from freemesh_ray.runs import RunError
+from freemesh_ray.training.run_folder import RunError
 
 #: Where Ray looks for the server, in this order, and where it is when nothing is said.
 ADDRESSES, DEFAULT = ("RAY_API_SERVER_ADDRESS", "RAY_ADDRESS"), "http://127.0.0.1:8265"

@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.action import Cut
-from envs.front import Front
 from envs.kernels.compiled import compiled, inlined
-from envs.observation import observe
-from envs.transition import Numbers, terms
+from envs.mdp.action import Cut
+from envs.mdp.front import Front
+from envs.mdp.observation import observe
+from envs.mdp.transition import Numbers, terms
 from envs.types import Floats
 from freemesh_ray.mesher.network import Network, forward, pack
-from freemesh_ray.policy import LOG_STD_MAX, LOG_STD_MIN, Policy
+from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN, Policy
 
 
 class Agent(NamedTuple):

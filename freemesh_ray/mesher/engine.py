@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from envs import front as fr
-from envs.action import ACCEPTED, KINDS, decode_kind
-from envs.front import ELEMENTS, RING, Front, close, reference_slot
 from envs.kernels.compiled import compiled
+from envs.mdp import front as fr
+from envs.mdp.action import ACCEPTED, KINDS, decode_kind
+from envs.mdp.front import ELEMENTS, RING, Front, close, reference_slot
+from envs.mdp.transition import Numbers, numbers
 from envs.mesh import Mesh
-from envs.transition import Numbers, numbers
 from envs.types import Domain, Ints
 from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
-from freemesh_ray.mesher.choice import Choice, begin, choice, found
-from freemesh_ray.mesher.detour import elements_back, is_near, mark
+from freemesh_ray.mesher.backtracking import elements_back, is_near, mark
+from freemesh_ray.mesher.candidates import Choice, begin, choice, found
 from freemesh_ray.mesher.lookahead import DEPTH, RING_LIMIT, Tree, fill, tree
 from freemesh_ray.mesher.recovery import STUCK, elsewhere, here, sample, scatter
-from freemesh_ray.mesher.trail import (
+from freemesh_ray.mesher.undo_log import (
     LAST,
     POLICY,
     SAMPLED,
@@ -39,7 +39,7 @@ from freemesh_ray.mesher.trail import (
     take_back,
     trail,
 )
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.policy import Policy
 
 #: Detours with the same number of elements near the stuck vertex taken back; the numbers, 1, 2, 4, ..; and detours
 #: without progress after which the engine gives up.

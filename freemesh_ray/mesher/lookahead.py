@@ -10,15 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.action import ACCEPTED, decode_kind
-from envs.front import RING, Front, reference_slot
 from envs.kernels.compiled import compiled, inlined
-from envs.reward import eta_b, eta_e
-from envs.transition import Numbers, ring_quality
+from envs.mdp.action import ACCEPTED, decode_kind
+from envs.mdp.front import RING, Front, reference_slot
+from envs.mdp.reward import eta_b, eta_e
+from envs.mdp.transition import Numbers, ring_quality
 from envs.types import Floats, Ints
 from freemesh_ray.mesher.agent import Agent, look, mean_action
-from freemesh_ray.mesher.shapes import DISTANCES, shape
-from freemesh_ray.mesher.trail import LOOKAHEAD, Trail, cut_action, cut_off, element, take_back
+from freemesh_ray.mesher.ideal_elements import DISTANCES, shape
+from freemesh_ray.mesher.undo_log import LOOKAHEAD, Trail, cut_action, cut_off, element, take_back
 
 #: Rings of up to this many vertices are searched.
 RING_LIMIT = 10

@@ -2,7 +2,7 @@
 
     grow -> (another way, when it got stuck) -> fill the ring that is left -> validate -> finish -> validate
 
-Every domain is completed: what the policy cannot mesh in ``ATTEMPTS`` attempts, ``envs.convex_fill`` fills.
+Every domain is completed: what the policy cannot mesh in ``ATTEMPTS`` attempts, ``envs.filling.convex_fill`` fills.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from envs.convex_fill import FillError, fill
+from envs.filling.convex_fill import FillError, fill
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Domain
 from freemesh_ray.finish import finish
 from freemesh_ray.mesher.engine import Grown, grow
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.policy import Policy
 
 #: Times that the policy begins a domain before what is left is filled.
 ATTEMPTS = 3

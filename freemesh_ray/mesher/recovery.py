@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from envs.front import Front, interior_angle
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled
-from envs.transition import Numbers
+from envs.mdp.front import Front, interior_angle
+from envs.mdp.transition import Numbers
 from freemesh_ray.mesher.agent import Agent, look, mean_action, sampled_action
-from freemesh_ray.mesher.choice import Choice, begin, consider, found
-from freemesh_ray.mesher.shapes import HEIGHTS, SHAPES, shape
-from freemesh_ray.mesher.trail import NEXT, SAMPLED, WIDE
+from freemesh_ray.mesher.candidates import Choice, begin, consider, found
+from freemesh_ray.mesher.ideal_elements import HEIGHTS, SHAPES, shape
+from freemesh_ray.mesher.undo_log import NEXT, SAMPLED, WIDE
 
 #: Draws from the policy at a vertex, and uniform draws at a vertex.
 SAMPLES, DRAWS = 16, 32

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from envs.types import Domain
+from freemesh_ray.formatting.table import markdown
 from freemesh_ray.paper_tables.published import published, spread, spread_of
 from freemesh_ray.paper_tables.repeated import repeat
-from freemesh_ray.policy import Policy
-from freemesh_ray.table import markdown
+from freemesh_ray.policies.policy import Policy
 
 #: Quantity -> column, decimals.
 COLUMNS = {"eta": ("element quality", ".3f"), "elements": ("elements", ".1f"), "seconds": ("time (s)", ".3f")}

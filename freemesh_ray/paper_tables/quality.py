@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from freemesh_ray.compare.comparison import Compared
 from freemesh_ray.compare.pooled import pooled
 from freemesh_ray.compare.report import distinct
+from freemesh_ray.formatting.table import markdown
 from freemesh_ray.paper_tables.published import published, spread, spread_of
-from freemesh_ray.table import markdown
 
 #: The paper's domains.
 DOMAINS = ("D7", "D8", "D9")

@@ -9,8 +9,8 @@ import numpy as np
 
 from envs.quality import element_quality
 from envs.types import Domain, Floats
-from freemesh_ray.evaluate import run_episodes
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.evaluation import run_episodes
+from freemesh_ray.policies.policy import Policy
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import numpy as np
 
 from envs.types import Domain
 from freemesh_ray.compare.our_mesher import Make
+from freemesh_ray.formatting.table import markdown
 from freemesh_ray.mesher import MeshingError
 from freemesh_ray.paper_tables.published import published
-from freemesh_ray.table import markdown
 
 #: The paper's domains.
 DOMAINS = ("D1", "D2", "D3")

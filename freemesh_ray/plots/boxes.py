@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from envs.types import Floats
-from freemesh_ray.colours import INK, SERIES
+from freemesh_ray.plots.colours import INK, SERIES
 from freemesh_ray.plots.page import page, save
 
 #: Which way is better.
@@ -37,7 +37,7 @@ class Metric(NamedTuple):
     high: float = math.inf
 
 
-#: Metrics by their names in freemesh_ray.metrics.
+#: Metrics by their names in freemesh_ray.meshes.metrics.
 METRICS: dict[str, Metric] = {
     "singularity": Metric("irregular nodes", LOWER, "mesh"),
     "singularity_authors": Metric("singularity", LOWER, "mesh"),

@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from freemesh_ray.colours import INK, SERIES
+from freemesh_ray.plots.colours import INK, SERIES
 from freemesh_ray.plots.page import WIDTH, page, save
 from freemesh_ray.statistics.curves import Curve, aligned
 

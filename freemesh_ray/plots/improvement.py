@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
-from freemesh_ray.colours import INK
+from freemesh_ray.plots.colours import INK
 from freemesh_ray.plots.page import WIDTH, page, save
 from freemesh_ray.plots.series import MUTED, key, plain
 from freemesh_ray.statistics.bootstrap import Interval

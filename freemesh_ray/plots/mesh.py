@@ -15,9 +15,9 @@ from matplotlib.figure import Figure, SubFigure
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
-from freemesh_ray.colours import COLOURS, FEW, FRONT, INK, MANY, QUALITY, TRIANGLE
-from freemesh_ray.metrics import irregular, measure
-from freemesh_ray.plane_mesh import PlaneMesh
+from freemesh_ray.meshes.metrics import irregular, measure
+from freemesh_ray.meshes.protocol import PlaneMesh
+from freemesh_ray.plots.colours import COLOURS, FEW, FRONT, INK, MANY, QUALITY, TRIANGLE
 from freemesh_ray.plots.page import WIDTH, page, save
 
 #: Irregular nodes by valence: (lowest, highest) -> marker, colour, label.

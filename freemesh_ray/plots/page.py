@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from freemesh_ray.atomic import replacing
+from freemesh_ray.storage.atomic import replacing
 
 DPI, WIDTH, MARGIN = 160, 7.0, 0.1  # inches
 #: Kinds of picture.

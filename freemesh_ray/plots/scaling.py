@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from freemesh_ray.colours import INK
+from freemesh_ray.plots.colours import INK
 from freemesh_ray.plots.page import WIDTH, page, save
 from freemesh_ray.plots.series import colour, line, plain
 

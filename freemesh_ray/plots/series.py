@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from freemesh_ray.colours import INK, SERIES
+from freemesh_ray.plots.colours import INK, SERIES
 
 #: Beyond the last colour the colours begin anew with the next line.
 LINES = ("-", "--", ":", "-.")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from envs.types import Floats
-from freemesh_ray.colours import SERIES
+from freemesh_ray.plots.colours import SERIES
 from freemesh_ray.plots.page import page, save
 from freemesh_ray.plots.series import key, plain
 

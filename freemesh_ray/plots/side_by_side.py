@@ -11,8 +11,8 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from freemesh_ray.colours import FRONT, INK
-from freemesh_ray.plane_mesh import PlaneMesh
+from freemesh_ray.meshes.protocol import PlaneMesh
+from freemesh_ray.plots.colours import FRONT, INK
 from freemesh_ray.plots.mesh import add_colour_bar, add_legend, draw_panel, marks
 from freemesh_ray.plots.page import page, save
 

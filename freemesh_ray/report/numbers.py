@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from envs.types import Floats
-from freemesh_ray.atomic import replacing
 from freemesh_ray.report.comparisons import Comparison
 from freemesh_ray.report.learning import FINALS, Learning
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.statistics.bootstrap import Interval
+from freemesh_ray.storage.atomic import replacing
 
 
 def write(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:

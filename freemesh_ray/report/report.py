@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from freemesh_ray.atomic import replacing
+from freemesh_ray.formatting.figures import final
 from freemesh_ray.report import numbers, pictures, search, sections
 from freemesh_ray.report.comparisons import compared, outcomes, telling
 from freemesh_ray.report.learning import halfway, learnt
-from freemesh_ray.report.printed import paper_table
+from freemesh_ray.report.paper_table import paper_table
 from freemesh_ray.report.results import Results, read
 from freemesh_ray.report.sections import Picture
 from freemesh_ray.report.transfer import Transfer, transfer
-from freemesh_ray.report.wording import final
 from freemesh_ray.statistics.profile import performance_profile
+from freemesh_ray.storage.atomic import replacing
 
 #: Of the evaluation of every policy on every domain, as in the paper.
 EPISODES = 10

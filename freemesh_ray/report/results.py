@@ -2,7 +2,7 @@
 
 studies/NAME/study.yaml    the resolved study
              trials.json   one entry a trial: label, seed, run folder, status
-RUN/evaluations.jsonl      one line an evaluation (freemesh_ray.runs)
+RUN/evaluations.jsonl      one line an evaluation (freemesh_ray.training.run_folder)
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 
 from envs.types import Floats
 from freemesh_ray.config import ConfigError, flatten, read_plain
-from freemesh_ray.runs import RunError, RunFolder, evaluated_at
-from freemesh_ray.studies import Entry, StudyFolder
+from freemesh_ray.studies.study_folder import Entry, StudyFolder
+from freemesh_ray.training.run_folder import RunError, RunFolder, evaluated_at
 
 #: The paper's learning curves: mean return of ten evaluation episodes every 10,000 steps.
 RETURN = "eval_deterministic/return"

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from freemesh_ray import config
+from freemesh_ray.formatting.figures import cell, count, final
+from freemesh_ray.formatting.table import markdown, number
 from freemesh_ray.plots import draw_settings
 from freemesh_ray.report import numbers
 from freemesh_ray.report.learning import COMPLETION, QUALITY, RETURN
 from freemesh_ray.report.pictures import both
 from freemesh_ray.report.results import Results, Trial
 from freemesh_ray.report.sections import Picture
-from freemesh_ray.report.wording import cell, count, final
 from freemesh_ray.statistics.curves import LAST, final_score
-from freemesh_ray.table import markdown, number
 
 #: Figures of a trial beside its settings -> column, format.
 COLUMNS = {RETURN: ("return", ".1f"), COMPLETION: ("completed", ".0%"), QUALITY: ("eta", ".3f")}

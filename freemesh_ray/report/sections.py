@@ -11,16 +11,16 @@ import numpy as np
 
 from envs.types import Floats
 from freemesh_ray import config
-from freemesh_ray.policy import Policy
+from freemesh_ray.formatting.figures import bracketed, cell, count, hours, span, spread, thousands
+from freemesh_ray.formatting.table import markdown
+from freemesh_ray.policies.policy import Policy
 from freemesh_ray.report.comparisons import Comparison, Outcome
 from freemesh_ray.report.learning import COMPLETION, ELEMENTS, QUALITY, RETURN, STOCHASTIC, Learning, centre, halfway
 from freemesh_ray.report.machine import machine
 from freemesh_ray.report.results import Results, Trial
 from freemesh_ray.report.transfer import KINDS, Transfer
-from freemesh_ray.report.wording import bracketed, cell, count, hours, span, spread, thousands
 from freemesh_ray.statistics.curves import LAST
 from freemesh_ray.statistics.improvement import SIGNIFICANT, Verdict
-from freemesh_ray.table import markdown
 
 #: From a picture's name and description to its place in the text.
 Picture = Callable[[str, str], str]

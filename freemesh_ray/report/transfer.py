@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.domain import RandomDomains, source
+from envs.domains.load import RandomDomains, source
 from envs.types import Domain, DomainError, Floats
-from freemesh_ray.evaluate import Evaluated, evaluation_episodes, summary
-from freemesh_ray.policy import Policy, PolicyError
+from freemesh_ray.policies.evaluation import Evaluated, evaluation_episodes, summary
+from freemesh_ray.policies.policy import Policy, PolicyError
 from freemesh_ray.report.results import Trial
 
 KINDS = ("deterministic", "stochastic")

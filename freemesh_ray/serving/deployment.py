@@ -13,13 +13,13 @@ from ray.serve.config import RequestRouterConfig
 from ray.serve.exceptions import BackPressureError
 from starlette.types import ASGIApp
 
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.policy import Policy
+from freemesh_ray.serving.answer import Answer, Job
 from freemesh_ray.serving.counters import Counters
-from freemesh_ray.serving.job import Answer, Job
+from freemesh_ray.serving.http_app import Busy, surface
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.loopback import listen_on_loopback
-from freemesh_ray.serving.surface import Busy, surface
-from freemesh_ray.serving.worker_owner import WorkerError, WorkerOwner
+from freemesh_ray.serving.supervisor import WorkerError, WorkerOwner
 
 #: Jobs that a mesher has: one at work, one at hand, so that it need not wait for the next.
 JOBS = 2

@@ -10,8 +10,8 @@ from typing import Final
 
 from envs.mesh import Mesh
 from freemesh_ray import export
-from freemesh_ray.atomic import OutputError
-from freemesh_ray.metrics import measure
+from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.storage.atomic import OutputError
 
 JSON: Final = "json"
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from envs.sizing import MOST_GRADING
+from envs.polygons.sizing import MOST_GRADING
 from freemesh_ray.serving.formats import JSON, MEDIA
 from freemesh_ray.serving.limits import Limits
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from ipaddress import ip_address
 
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.policy import Policy
+from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.limits import Limits
 
 #: What Serve calls the application.

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from http import HTTPStatus
 from multiprocessing.connection import Connection
 
-from envs.domain import load
+from envs.domains.load import load
 from freemesh_ray.mesher import make
-from freemesh_ray.policy import Policy
-from freemesh_ray.serving.job import Answer, Job, answer, refusal
+from freemesh_ray.policies.policy import Policy
+from freemesh_ray.serving.answer import Answer, Job, answer, refusal
 from freemesh_ray.serving.limits import Limits
 
 #: Meshed before the first job, so that everything is compiled.

@@ -10,8 +10,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.policy import Policy
-from freemesh_ray.provenance import provenance
+from freemesh_ray.policies.policy import Policy
+from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.tracking.store import (
     REFUSED,
     SQLITE,
@@ -25,7 +25,7 @@ from freemesh_ray.tracking.store import (
 )
 
 #: MLflow keeps a copy of this file with the model, and runs it to load the model.
-CODE = Path(__file__).parents[1] / "served.py"
+CODE = Path(__file__).with_name("pyfunc_model.py")
 #: What meshing needs besides the package, by the versions that are installed.
 REQUIREMENTS = ("freemesh-ray", "mlflow", "numpy", "numba", "scipy", "shapely")
 #: The example that the store shows: a square with 12 boundary vertices.

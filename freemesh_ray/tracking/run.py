@@ -13,12 +13,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from freemesh_ray.atomic import replacing
-from freemesh_ray.provenance import provenance
-from freemesh_ray.tracking.courier import Courier, ParentAwayError
+from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.tracking.journal import Event, Journal, State, latest, said
+from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.tracking.registry import commit, fingerprint
 from freemesh_ray.tracking.store import VALUE_LENGTH, absolute, accepted_key, brief, mlflow_client
+from freemesh_ray.tracking.uploader import Courier, ParentAwayError
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from freemesh_ray.atomic import replacing
+from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.tracking.journal import Event, Journal, State, journals, shared
 from freemesh_ray.tracking.store import absolute, brief
 

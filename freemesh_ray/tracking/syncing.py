@@ -6,9 +6,9 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from freemesh_ray.tracking.courier import Courier, ParentAwayError
 from freemesh_ray.tracking.journal import Journal, State
 from freemesh_ray.tracking.store import absolute, mlflow_client, unreachable
+from freemesh_ray.tracking.uploader import Courier, ParentAwayError
 
 log = logging.getLogger(__name__)
 

@@ -1,0 +1,162 @@
+"""The front door of the domains: a catalogue name, a seed, a polygon file or a shape becomes a :class:`Domain`."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.domains import random_domain as generator
+from envs.domains import random_part
+from envs.domains.conforming import domains_of
+from envs.domains.random_domain import RandomDomains
+from envs.polygons.polygon import from_polygon, from_ring_with_seam, from_rings
+from envs.readers import READERS, Polygons, read
+from envs.readers.python_objects import polygons_of
+from envs.types import Domain, DomainError, Floats
+
+__all__ = [
+    "RandomDomains",
+    "catalogue",
+    "from_polygon",
+    "from_ring_with_seam",
+    "from_rings",
+    "from_shape",
+    "load",
+    "load_all",
+    "source",
+]
+
+#: Where the catalogue's data and drawings lie.
+CATALOGUE = Path(__file__).parent / "catalogue"
+
+
+def catalogue() -> list[str]:
+    """Names of the built-in domains: the training domains T1.. last, the test domains D1.. first, in order."""
+    return sorted((path.stem for path in CATALOGUE.glob("*.json")), key=lambda name: (name[0], len(name), name))
+
+
+def source(spec: str) -> Domain | RandomDomains:
+    """What episodes can be on: ``random`` is the endless supply, anything else a domain as :func:`load` finds it."""
+    return RandomDomains() if spec.lower() == RandomDomains.name else load(spec)
+
+
+def load(
+    spec: str | os.PathLike[str],
+    *,
+    fix_parity: bool = False,
+    edge_length: float | None = None,
+    grading: float = 1.0,
+) -> Domain:
+    """The one domain that ``spec`` names; see :func:`load_all`.
+
+    Raises:
+        DomainError: as :func:`load_all`, or another number of polygons than one.
+    """
+    polygons, name, source = given(spec, edge_length)
+    if len(polygons) != 1:
+        raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; keep one in each file")
+    return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)[0]
+
+
+def load_all(
+    spec: str | os.PathLike[str],
+    *,
+    fix_parity: bool = False,
+    edge_length: float | None = None,
+    grading: float = 1.0,
+) -> list[Domain]:
+    """Every domain that ``spec`` names.
+
+    Several polygons of one file are domains of their own, called ``part[0]``, ``part[1]``, ... after the file
+    ``part``. Where they share boundary segments, what is set on these is the same for both, number for number.
+
+    Args:
+        spec: a catalogue name in any case (``T1``), a seed (``random:7``, ``random:7?spikiness=0.5&holes=1``,
+            ``part:7``), or the path of a polygon file (the extensions are those of :data:`envs.readers.READERS`).
+        fix_parity: split the longest segment at its midpoint when a polygon's number of vertices is odd.
+        edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
+            equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
+        grading: largest segment over the smallest, 1 (even) to 1000: above 1 segments shrink from ``edge_length``
+            near short sides and sharp corners, and grow again smoothly.
+
+    Raises:
+        DomainError: the source, the place and the fix in one line.
+    """
+    polygons, name, source = given(spec, edge_length)
+    if not polygons:
+        raise DomainError(f"{source}: no polygon in it; give at least one")
+    return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+
+
+def from_shape(
+    shape: Any,
+    name: str = "polygon",
+    *,
+    fix_parity: bool = False,
+    edge_length: float | None = None,
+    grading: float = 1.0,
+) -> list[Domain]:
+    """The domains of a polygon that a program holds, one for each polygon in it.
+
+    Args:
+        shape: an (n, 2) array or a list of pairs (one ring, which may walk seams to its holes); a list of rings, the
+            outer one first; a list of such lists; a shapely Polygon, MultiPolygon or LinearRing, or a list of them; a
+            GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``.
+        name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
+        fix_parity: as for :func:`load_all`.
+        edge_length: as for :func:`load_all`.
+        grading: as for :func:`load_all`.
+
+    Raises:
+        DomainError: an object that holds no polygon, or one that cannot be meshed.
+    """
+    polygons = polygons_of(shape, name)
+    if not polygons:
+        raise DomainError(f"{name}: no polygon in it; give at least one")
+    return domains_of(polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+
+
+def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Polygons, str, str]:
+    """The polygons that ``spec`` names as lists of rings, their name, and what messages call the source."""
+    text = os.fspath(spec)
+    path = Path(text)
+    if isinstance(spec, str):
+        if text.lower().startswith(generator.PREFIX):
+            drawn = generator.from_spec(text)
+            return [rings_of(drawn)], drawn.name, text
+        if text.lower().startswith(random_part.PREFIX):
+            drawn = random_part.from_spec(text)
+            return [rings_of(drawn)], drawn.name, text
+        if text.upper() in catalogue():
+            path = CATALOGUE / f"{text.upper()}.json"
+        elif not looks_like_path(text):
+            raise DomainError(unknown_name(text))
+    return read(path, edge_length), path.stem, str(path)
+
+
+def rings_of(domain: Domain) -> list[Floats]:
+    """The rings that a domain was made of: its points come ring by ring, its segments with them."""
+    ahead = domain.segments[:, 1]
+    ends = np.flatnonzero(ahead != domain.segments[:, 0] + 1) + 1
+    return np.split(domain.points[: len(ahead)], ends[:-1])
+
+
+def looks_like_path(text: str) -> bool:
+    """Whether a text can only be meant as a file: it exists, has folders or ends like a file."""
+    path = Path(text)
+    return os.sep in text or "/" in text or path.suffix != "" or (text != "" and os.path.isfile(path))
+
+
+def unknown_name(text: str) -> str:
+    """The line for a name that is in no catalogue, with the nearest one."""
+    names = catalogue()
+    near = difflib.get_close_matches(text.upper(), names, n=1, cutoff=0.3)
+    meant = f"did you mean {near[0]}? " if near else ""
+    return (
+        f"{text!r}: no domain of this name; {meant}The catalogue has {', '.join(names)}; random:SEED draws one, and a "
+        f"file ends in {', '.join(READERS)}"
+    )

@@ -1,0 +1,190 @@
+"""A batch of meshing episodes: their memory, and the few calls that environments are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from envs.domains.random_domain import RandomDomains
+from envs.mdp import front as fr
+from envs.mdp import transition
+from envs.mesh import Mesh
+from envs.types import Domain, Floats, MeshingParameters
+
+
+class Episodes:
+    """B episodes over a fixed list of domains and endless supplies of them, stepped together by compiled code.
+
+    Attributes:
+        domains: what an episode can be on.
+        parameters: the MDP's numbers.
+        domain_of: (B,) int64, index into ``domains`` of each episode.
+        out: the last outcome (arrays that the next step overwrites).
+    """
+
+    def __init__(self, domains: Sequence[Domain | RandomDomains], parameters: MeshingParameters, batch: int) -> None:
+        if not domains:
+            raise ValueError("no domain to mesh: give at least one")
+        fixed = [domain for domain in domains if isinstance(domain, Domain)]
+        supplies = [domain for domain in domains if isinstance(domain, RandomDomains)]
+        for domain in fixed:
+            if len(domain.ring) < 6:
+                raise ValueError(
+                    f"{domain.name}: a ring of {len(domain.ring)} vertices is one element already; "
+                    "an episode needs at least 6"
+                )
+        self.domains = list(domains)
+        self.parameters = parameters
+        slots = [fr.capacity(len(domain.ring), parameters) for domain in fixed]
+        slots += [fr.capacity(supply.vertices, parameters) for supply in supplies]
+        points = [len(domain.points) for domain in fixed] + [supply.vertices for supply in supplies]
+        caps = [fr.element_cap(domain, parameters) for domain in fixed] + [supply.elements for supply in supplies]
+        self._slots, self._points = max(slots), max(points)
+        # One more element than the cap: the last action of a mesh cuts two.
+        self._most_elements = max(caps)
+        elements = self._most_elements + 1
+        room = self._points + elements * (2 if parameters.type2 else 1)
+        # One template a domain, then one an episode, for what it draws from a supply.
+        rows = len(domains) + (batch if supplies else 0)
+        self._templates = fr.allocate(rows, self._slots, self._points, 0)
+        self._caps = np.zeros(rows, dtype=np.int64)
+        self._drawn: list[Domain | None] = [None] * batch
+        for k, entry in enumerate(domains):
+            if isinstance(entry, Domain):
+                self._prepare(k, entry)
+        self._fronts = fr.allocate(batch, self._slots, room, elements)
+        self._numbers = transition.numbers(parameters)
+        self.out = transition.outcome(batch, parameters)
+        self.domain_of = np.zeros(batch, dtype=np.int64)
+        self._row_of = np.zeros(batch, dtype=np.int64)
+        self._nobody = np.zeros(batch, dtype=np.bool_)
+
+    def _prepare(self, row: int, domain: Domain) -> None:
+        """Make ``domain`` the template in ``row``."""
+        template = fr.template(domain, self.parameters, self._slots)
+        for target, array in zip(self._templates, template, strict=True):
+            target[row, : len(array)] = array
+        self._caps[row] = min(fr.element_cap(domain, self.parameters), self._most_elements)
+
+    def __len__(self) -> int:
+        return len(self.domain_of)
+
+    def start(self, i: int, domain: int, random: np.random.Generator | None = None) -> None:
+        """Begin episode ``i`` afresh on ``domains[domain]``; its observation is in ``out``.
+
+        Args:
+            i: the episode.
+            domain: index into ``domains``.
+            random: what a supply draws with; a fixed domain needs none.
+        """
+        entry, row = self.domains[domain], domain
+        if isinstance(entry, RandomDomains):
+            row = len(self.domains) + i
+            drawn = entry.draw(np.random.default_rng() if random is None else random)
+            self._drawn[i] = drawn
+            self._prepare(row, drawn)
+        self.domain_of[i], self._row_of[i] = domain, row
+        self.out.terminated[i] = self.out.truncated[i] = False
+        transition.start(self._fronts, self._templates, i, row, self._numbers, self.out)
+
+    def step(self, actions: np.ndarray, skip: np.ndarray | None = None) -> transition.Outcome:
+        """Take one action in each episode.
+
+        Args:
+            actions: (B, action size), clipped to [-1, 1]; not finite is an error.
+            skip: (B,) bool, episodes to leave as they are.
+
+        Returns:
+            ``out``, overwritten by the next call.
+
+        Raises:
+            ValueError: an action has the wrong shape or is not finite, or an episode is over and was not begun anew.
+        """
+        actions = np.asarray(actions, dtype=np.float64)
+        shape = (len(self), self.parameters.action_size)
+        if actions.shape != shape:
+            raise ValueError(f"actions have shape {actions.shape}, expected {shape}")
+        if not np.isfinite(actions).all():
+            raise ValueError(f"action {int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])} is not finite")
+        clipped = np.clip(actions, -1.0, 1.0)
+        nobody = self._nobody if skip is None else skip
+        over = (self.out.terminated | self.out.truncated) & ~nobody
+        if over.any():
+            raise ValueError(f"episode {int(np.flatnonzero(over)[0])} is over: begin it anew before the next step")
+        transition.step_batch(self._fronts, clipped, nobody, self._numbers, self._caps[self._row_of], self.out)
+        return self.out
+
+    def front(self, i: int) -> fr.Front:
+        """The working memory of episode ``i`` (views)."""
+        return fr.Front(*(array[i] for array in self._fronts))
+
+    def domain(self, i: int) -> Domain:
+        """The domain that episode ``i`` is on."""
+        entry = self.domains[self.domain_of[i]]
+        if isinstance(entry, Domain):
+            return entry
+        drawn = self._drawn[i]
+        assert drawn is not None
+        return drawn
+
+    def task(self, i: int) -> str:
+        """The name of what episode ``i`` was begun on: a domain's, or a supply's."""
+        return self.domains[self.domain_of[i]].name
+
+    def ring(self, i: int) -> Floats:
+        """The front that is left, from the reference vertex on, counter-clockwise; (ring, 2) float64."""
+        front = self.front(i)
+        return front.xy[fr.ring_slots(front)].copy()
+
+    def mesh(self, i: int) -> Mesh:
+        """The elements of episode ``i`` so far."""
+        front, domain = self.front(i), self.domain(i)
+        return Mesh(
+            name=domain.name,
+            vertices=front.points[: front.counts[fr.POINTS]].copy(),
+            quads=front.quads[: front.counts[fr.ELEMENTS]].copy(),
+            segments=domain.segments,
+            complete=bool(front.counts[fr.RING] == 0),
+        )
+
+    def elements(self, i: int) -> int:
+        """Elements cut in episode ``i``."""
+        return int(self._fronts.counts[i, fr.ELEMENTS])
+
+    def mean_eta(self, i: int) -> float:
+        """Mean eta_e of the elements cut in episode ``i``, in [0, 1]; 0 without elements."""
+        return float(self._fronts.measure[i, fr.ETA_SUM] / max(1, self.elements(i)))
+
+    def episode_return(self, i: int) -> float:
+        """Undiscounted sum of rewards of episode ``i``."""
+        return float(self._fronts.measure[i, fr.RETURN])
+
+    def steps(self, i: int) -> int:
+        """Actions taken in episode ``i``, invalid ones included."""
+        return int(self._fronts.counts[i, fr.STEPS])
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the next step depends on, to be given back to ``set_state``."""
+        return {"arrays": {name: array.copy() for name, array in self._arrays().items()}, "drawn": list(self._drawn)}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on where ``get_state`` was taken, with the same domains, parameters and batch.
+
+        Raises:
+            ValueError: the state is of other sizes.
+        """
+        arrays, given = self._arrays(), state["arrays"]
+        if {k: v.shape for k, v in arrays.items()} != {k: v.shape for k, v in given.items()}:
+            raise ValueError("the state is of episodes with other domains, parameters or batch size")
+        for name, array in arrays.items():
+            array[:] = given[name]
+        self._drawn = list(state["drawn"])
+        for i, domain in enumerate(self._drawn):
+            if domain is not None:
+                self._prepare(len(self.domains) + i, domain)
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        names = [*fr.Front._fields, *transition.Outcome._fields, "domain_of", "row_of"]
+        return dict(zip(names, (*self._fronts, *self.out, self.domain_of, self._row_of), strict=True))

@@ -1,0 +1,1 @@
+"""Rings of coordinates become the boundary vertices of a validated domain."""

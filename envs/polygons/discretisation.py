@@ -1,0 +1,140 @@
+"""Bare outlines become boundary vertices an edge length apart; the total of every polygon is even.
+
+Every corner and every vertex between long segments stays where it is, bit for bit. Segments between them are split
+evenly; where an outline is finer than the edge length and turns gently, new vertices are set along it. A stretch that
+several polygons share is split once, so that their points are equal number for number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from envs.polygons.boundary import Boundary, Run, boundary
+from envs.polygons.parity import made_even
+from envs.polygons.rings import check_count, extent
+from envs.polygons.sizing import Sizes, least_pieces, sizes
+from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
+
+Polygon = Sequence[Floats]
+
+#: Vertices that an outer ring and a hole have at least.
+OUTER_LEAST, HOLE_LEAST = 4, 3
+
+
+def discretised(
+    polygons: Sequence[Polygon], source: str, *, edge_length: float | None, grading: float = 1.0
+) -> list[list[Floats]]:
+    """The rings of polygons with vertices an edge length apart, an even number in each polygon.
+
+    Args:
+        polygons: for each its valid rings, each (n, 2), the outer one first.
+        source: the name that messages begin with.
+        edge_length: length of a segment, in the polygons' units: a side of length l gets round(l / edge_length) >= 1
+            segments. None: the given vertices alone, and where a total is odd one more at the middle of a segment,
+            the longest one that makes it even.
+        grading: largest size over the smallest; above 1 the sizes shrink near short sides and sharp corners.
+
+    Returns:
+        For each polygon its rings in the same orientation.
+
+    Raises:
+        DomainError: more vertices than a boundary may have.
+    """
+    if edge_length is None:
+        graph = boundary(polygons, coarse=0.0)
+        longest = max(run.length for run in graph.runs)
+        wanted = [Sizes(run.length, longest, (longest, longest)) for run in graph.runs]
+        counts = np.ones(len(graph.runs), dtype=np.int64)
+    else:
+        # Sizes above the edge length do not occur, so this is the least that is possible.
+        perimeter = sum(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum() for rings in polygons for r in rings)
+        check_count(perimeter / edge_length, source, "use a larger edge length")
+        graph = boundary(conforming(polygons), coarse=edge_length)
+        wanted = sizes(graph, edge_length, grading)
+        counts = counts_of(graph, wanted, source)
+    even_counts(graph, wanted, counts, source)
+    for polygon in graph.rings:
+        total = int(sum(counts[use.run] for ring in polygon for use in ring))
+        check_count(total, source, "use a larger edge length", holes=len(polygon) > 1)
+    vertices = [placed(run, size, int(count)) for run, size, count in zip(graph.runs, wanted, counts, strict=True)]
+    return [
+        [
+            np.concatenate([vertices[use.run][:0:-1] if use.backward else vertices[use.run][:-1] for use in ring])
+            for ring in polygon
+        ]
+        for polygon in graph.rings
+    ]
+
+
+def conforming(polygons: Sequence[Polygon]) -> list[list[Floats]]:
+    """The polygons with the vertices of their neighbours that lie on their segments.
+
+    Each such vertex is one more in the ring, where the neighbour has it, so that the stretch between is shared.
+    """
+    rings = [ring for polygon in polygons for ring in polygon]
+    if len(polygons) > 1:
+        points = np.concatenate(rings)
+        tolerance = RELATIVE_TOLERANCE * extent(points)
+        sides = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+        side, point = shapely.STRtree(shapely.points(points)).query(
+            shapely.linestrings(sides), predicate="dwithin", distance=tolerance
+        )
+        a, b, p = sides[side, 0], sides[side, 1], points[point]
+        inner = np.minimum(np.linalg.norm(p - a, axis=1), np.linalg.norm(p - b, axis=1)) > tolerance
+        side, p, a = side[inner], p[inner], a[inner]
+        order = np.lexsort([np.linalg.norm(p - a, axis=1), side])
+        bounds = np.cumsum([0, *(len(ring) for ring in rings)])
+        for r in range(len(rings)):
+            mine = order[(side[order] >= bounds[r]) & (side[order] < bounds[r + 1])]
+            if len(mine):
+                grown = np.insert(rings[r], side[mine] - bounds[r] + 1, p[mine], axis=0)
+                rings[r] = grown[np.any(grown != np.roll(grown, 1, axis=0), axis=1)]
+    starts = np.cumsum([0, *(len(polygon) for polygon in polygons)])
+    return [rings[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
+
+
+def counts_of(graph: Boundary, wanted: Sequence[Sizes], source: str) -> Ints:
+    """(runs,) segments of each run: its integral of ds / h, rounded, but enough for its turns and for its rings."""
+    measures = np.array([size.measures[-1] for size in wanted])
+    used = np.bincount([use.run for polygon in graph.rings for ring in polygon for use in ring])
+    check_count(float(measures @ used), source, "use a larger edge length")
+    counts = np.maximum(np.round(measures).astype(np.int64), [least_pieces(run) for run in graph.runs])
+    for polygon in graph.rings:
+        for r, ring in enumerate(polygon):
+            runs = [use.run for use in ring]
+            while counts[runs].sum() < (HOLE_LEAST if r else OUTER_LEAST):
+                # A bent run first: a straight one split cannot give a ring of two runs any area.
+                counts[max(runs, key=lambda i: (graph.runs[i].turn / counts[i], measures[i] / counts[i]))] += 1
+    return counts
+
+
+def even_counts(graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: str) -> None:
+    """Add one segment where that distorts the sizes least, in place, until every polygon has an even total."""
+    users: list[list[int]] = [[] for _ in graph.runs]
+    for p, polygon in enumerate(graph.rings):
+        for ring in polygon:
+            for use in ring:
+                users[use.run].append(p)
+    totals = [sum(int(counts[use.run]) for ring in polygon for use in ring) for polygon in graph.rings]
+    odd = [p for p, total in enumerate(totals) if total % 2]
+    measures = np.array([size.measures[-1] for size in wanted])
+    # How far, as a ratio, the segments' size then is from the wanted one.
+    costs = np.abs(np.log(measures / (counts + 1)))
+    chosen = made_even(users, costs, odd)
+    if chosen is None:
+        raise DomainError(
+            f"{source}: polygon {odd[0]} has {totals[odd[0]]} boundary vertices, an odd number, and shares all of its "
+            "boundary with two others; remove copies of polygons"
+        )
+    counts[list(chosen)] += 1
+
+
+def placed(run: Run, size: Sizes, count: int) -> Floats:
+    """(count + 1, 2) vertices along a run, its ends exactly as given."""
+    at = size.split(count)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.points, axis=0), axis=1))])
+    inner = np.stack([np.interp(at, along, run.points[:, axis]) for axis in (0, 1)], axis=1)
+    return np.concatenate([run.points[:1], inner, run.points[-1:]])

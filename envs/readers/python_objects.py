@@ -1,0 +1,60 @@
+"""Polygons as Python programs hold them: arrays, lists, shapely's shapes, GeoJSON-like mappings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from envs.readers.geojson import polygons_of_geojson, polygons_of_rings
+from envs.readers.wkt import polygons_of_shape
+from envs.types import DomainError
+
+
+def polygons_of(shape: Any, source: str) -> list[list[Any]]:
+    """The rings of every polygon in a Python object; see :func:`envs.domains.load.from_shape`.
+
+    Raises:
+        DomainError: an object that holds no polygon.
+    """
+    if isinstance(shape, shapely.Geometry):
+        return polygons_of_shape(shape, source)
+    if isinstance(shape, Mapping):
+        if "rings" in shape:
+            return polygons_of_rings(shape, source)
+        return polygons_of_geojson(shape, source)
+    if hasattr(shape, "__geo_interface__"):
+        return polygons_of_geojson(shape.__geo_interface__, source)
+    if is_list(shape) and len(shape) and all(isinstance(part, shapely.Geometry) for part in shape):
+        return [rings for part in shape for rings in polygons_of_shape(part, source)]
+    depth = depth_of(shape)
+    if depth == 2:
+        return [[shape]]
+    if depth == 3:
+        return [list(shape)]
+    if depth == 4 and all(is_list(rings) and len(rings) for rings in shape):
+        return [list(rings) for rings in shape]
+    raise DomainError(
+        f"{source}: a {type(shape).__name__} where a polygon is needed; give an (n, 2) array, a list of rings, a "
+        "shapely Polygon or a GeoJSON mapping"
+    )
+
+
+def depth_of(value: Any) -> int:
+    """How many lists deep the first number of a nested list lies: 2 for a ring, 3 for rings, 4 for polygons."""
+    depth = 0
+    while is_list(value):
+        depth += 1
+        if not len(value) or depth > 4:
+            break
+        value = value[0]
+    return depth
+
+
+def is_list(value: Any) -> bool:
+    """Whether a value is a list, a tuple or an array with at least one axis."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)

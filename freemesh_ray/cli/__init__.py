@@ -1,0 +1,1 @@
+"""The ``freemesh`` command: parse, call, print."""

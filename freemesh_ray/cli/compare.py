@@ -1,0 +1,107 @@
+"""``freemesh compare``: its grammar and what it calls."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+#: Peers that can be asked for, in the order of the columns.
+NAMES = ("gmsh-default", "gmsh-8", "gmsh-full-quad", "gmsh-quasi", "netgen")
+
+#: What stands for no policy, or no peers.
+NONE = "none"
+
+EPILOG = """\
+examples:
+  freemesh compare D7 D8 D9 --out comparison
+  freemesh compare part:1 part:2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
+  freemesh compare part:{1..100} --peers gmsh-8 --out parts --no-pictures
+  freemesh compare D7 --mesh pave=d7.inp --policy none
+
+peers:
+  gmsh-default     Frontal-Delaunay triangles, recombined by Blossom
+  gmsh-8           Frontal-Delaunay for quads, recombined by Blossom, nodes relocated
+  gmsh-full-quad   Blossom full-quad on pairs of boundary segments, which it halves again
+  gmsh-quasi       Frontal-Delaunay for quads, Blossom, then the quasi-structured optimisation
+  netgen           Netgen, quad-dominated
+
+They need `pip install gmsh netgen-mesher`. Ctrl-C leaves what is finished in the folder.
+"""
+
+
+def peer_names(text: str) -> list[str]:
+    """A comma-separated list of peers, for argparse."""
+    names = [name.strip() for name in text.split(",") if name.strip() and name.strip() != NONE]
+    for name in names:
+        if name not in NAMES:
+            raise argparse.ArgumentTypeError(f"{name!r} is no peer: use {', '.join(NAMES)} or {NONE}")
+    return list(dict.fromkeys(names))
+
+
+def grammar(commands: Any) -> None:
+    """Add the command to the parser's."""
+    compare = commands.add_parser(
+        "compare",
+        help="our meshes beside those of other meshers",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Mesh domains with our mesher and its peers, boundary segments fixed, and measure all alike.",
+        epilog=EPILOG,
+    )
+    compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part:SEED")
+    compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, comparison.csv and pictures are written")
+    compare.add_argument("--no-pictures", dest="pictures", action="store_false", help="tables alone")
+    compare.add_argument("--peers", type=peer_names, default=list(NAMES), metavar="NAMES",
+                         help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
+    compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
+                         help="a mesh of another program: .inp, .msh, .vtu, .bdf and more; repeatable")  # fmt: skip
+    compare.add_argument("--policy", metavar="FILE",
+                         help=f"policy.npz of a training (default: the shipped one), or {NONE}")  # fmt: skip
+    compare.add_argument("--fix-parity", action="store_true", help="split the longest segment where a ring is odd")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compare, with a line on stderr for each mesh and brief tables on stdout.
+
+    Raises:
+        DomainError, PolicyError, RunError, MeshFileError, OutputError: what is wrong with the input.
+    """
+    from envs.domains.load import load
+    from freemesh_ray.compare import mesh_file, meshers, report
+    from freemesh_ray.compare.comparison import compare
+    from freemesh_ray.storage.atomic import check_writable
+
+    folder = Path(options.out) if options.out else None
+    if folder is not None:
+        check_writable(folder / "comparison.md")
+    domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
+    files = mesh_file.files(options.mesh, domains)
+    own = [] if options.policy == NONE else [our_mesher(options)]
+    columns = [*own, *meshers.peers(options.peers, note), *files]
+    if not columns:
+        raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
+    done = compare(domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures)
+    note("")
+    print(report.summary([row for entry in done for row in entry.rows]))
+    note("")
+    if folder is None:
+        note("all metrics and pictures: --out FOLDER")
+    else:
+        pictures = ", boxes.png, a picture of each domain" if options.pictures else ""
+        note(f"written to {folder}: comparison.md and comparison.csv with all metrics{pictures}")
+    return 0
+
+
+def our_mesher(options: argparse.Namespace) -> Any:
+    """The mesher of the policy that is asked for, or the shipped one."""
+    from freemesh_ray.compare.meshers import ours
+    from freemesh_ray.compare.our_mesher import maker
+    from freemesh_ray.policies.policy import DEFAULT
+
+    return ours(maker(Path(options.policy or DEFAULT)))
+
+
+def note(line: str) -> None:
+    """A line of progress."""
+    print(line, file=sys.stderr, flush=True)

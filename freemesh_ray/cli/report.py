@@ -1,0 +1,57 @@
+"""``freemesh report``: its grammar and what it calls."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from freemesh_ray.config.paths import Places, shown
+
+EPILOG = """\
+examples:
+  freemesh report algorithms
+  freemesh report algorithms --docs docs/studies      and its main parts as docs/studies/algorithms.md
+
+Works while the study is under way, and says so.
+"""
+
+
+def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) -> None:
+    """Add the command to the parser's; ``whole`` makes types of whole numbers."""
+    report = commands.add_parser(
+        "report",
+        help="a study's figure and table, with intervals",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Turn a study's trainings into the paper's figure and table: curves, intervals, comparisons.",
+        epilog=EPILOG,
+    )
+    report.add_argument("study", metavar="NAME", help="of a study that `freemesh study` began")
+    report.add_argument("--studies", default="studies", metavar="FOLDER", help="where the studies lie (studies)")
+    report.add_argument("--out", metavar="FOLDER", help="where the report is written (STUDIES/NAME/report)")
+    report.add_argument("--docs", metavar="FOLDER", help="write the main parts as NAME.md with pictures, too")
+    report.add_argument("--episodes", type=whole(1, 1000), default=10, metavar="N",
+                        help="of each policy on each domain, deterministic and again stochastic (10)")  # fmt: skip
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the report, with a line on stderr for each policy, and print the files that were written.
+
+    Raises:
+        ResultsError, OutputError: what is wrong with the input.
+    """
+    from freemesh_ray.report.report import write
+
+    out, docs = (Path(folder) if folder else None for folder in (options.out, options.docs))
+    folder = Places.here().home / options.studies / options.study
+    path = write(folder, out=out, docs=docs, episodes=options.episodes, note=note)
+    for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
+        print(shown(file))
+    return 0
+
+
+def note(line: str) -> None:
+    """A line of progress."""
+    print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,165 @@
+"""``freemesh study``: its grammar and what it calls."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from os.path import normpath
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from freemesh_ray.config.paths import shown
+from freemesh_ray.formatting.table import table
+
+if TYPE_CHECKING:
+    from freemesh_ray.studies.definition import Study
+    from freemesh_ray.studies.runner import Studied
+    from freemesh_ray.studies.study_folder import Entry
+
+EPILOG = """\
+examples:
+  freemesh study algorithms --dry-run             the trials, and nothing else
+  freemesh study algorithms --smoke               the whole path in about a minute
+  freemesh study algorithms                       run it; Ctrl-C stops it, --resume goes on
+  freemesh study mine.yaml --set budget.env_steps=1.2e6
+  freemesh report algorithms                      its figures and tables
+
+A study is one YAML file; those that ship are in tune_configs. Trials run side by side, as many as the machine has
+cores for. A training that another study has done already, with the same settings, seed and commit, is not repeated.
+"""
+
+
+def grammar(commands: Any) -> None:
+    """Add the command to the parser's."""
+    study = commands.add_parser(
+        "study",
+        help="run a study of many trainings",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Run a study on Ray Tune, track it in MLflow and report on it.",
+        epilog=EPILOG,
+    )
+    study.add_argument("study", nargs="?", metavar="STUDY", help="a name (without one: the list), or a YAML file")
+    study.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of all trials; repeatable"
+    )
+    study.add_argument("--resume", action="store_true", help="go on where it stopped, if it was begun")
+    study.add_argument("--dry-run", action="store_true", help="print the trials and stop")
+    study.add_argument("--smoke", action="store_true", help="the whole path with tiny trainings")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the study that is named, or list what there is.
+
+    Raises:
+        ConfigError, RunError, DomainError: what is wrong with the input.
+    """
+    from freemesh_ray.studies.definition import load, shipped
+
+    if options.study is None:
+        print(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()], left=(0, 2)))
+        return 0
+    study = load(options.study, options.set, smoke=options.smoke)
+    check(study)
+    if options.dry_run:
+        print(_trials(study))
+        return 0
+
+    from freemesh_ray.local_ray import local_ray
+
+    settings = study.settings_of_all()
+    with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
+        from freemesh_ray.algorithms.build import build
+        from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
+        from freemesh_ray.report.report import write
+        from freemesh_ray.studies.runner import run as run_study
+
+        gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())
+
+        def report(folder: Path) -> list[Path]:
+            return sorted(write(folder).parent.iterdir())
+
+        print(_opening(study), flush=True)
+        try:
+            studied = run_study(study, resume=options.resume, make=build, report=report)
+        except KeyboardInterrupt:
+            print(f"`freemesh study {options.study} --resume` goes on from the last checkpoints", file=sys.stderr)
+            raise
+    print(_closing(studied, study))
+    return 0
+
+
+def check(study: Study) -> None:
+    """Refuse domains that cannot be trained on or meshed, before anything is started.
+
+    Raises:
+        DomainError: as said.
+    """
+    from envs.domains.load import load as load_domain
+    from freemesh_ray.training.job import check_stages
+
+    for domain in study.domains:
+        load_domain(domain)
+    for config in [study.trial_config(label, 0) for label in study.variants] or [study.settings_of_all()]:
+        check_stages(config)
+
+
+def _row(study: Study) -> list[str]:
+    count = study.search.trials if study.search else sum(len(study.seeds_of(label)) for label in study.variants)
+    compared = ", ".join(study.variants) if study.variants else ", ".join(study.search.space if study.search else ())
+    return [study.name, str(count), compared]
+
+
+def _opening(study: Study) -> str:
+    """What is about to happen."""
+    from freemesh_ray.studies.runner import parallel, plan_of
+
+    folder, _, entries = plan_of(study)
+    settings = study.settings_of_all()
+    found = sum(entry.status == "finished" for entry in entries)
+    count = study.search.trials if study.search else len(entries)
+    steps = settings["budget"]["env_steps"]
+    known = f", {found} of them trained before" if found else ""
+    return (
+        f"{study.title}\n{count} trials of {steps:,} env steps{known}, {parallel(settings)} at a time -> {folder.path}"
+    )
+
+
+def _trials(study: Study) -> str:
+    """The trials, one a line, with what they differ in."""
+    from freemesh_ray.config import dump, values
+    from freemesh_ray.studies.runner import plan_of
+
+    folder, _, entries = plan_of(study)
+    common = dump(study.tree()["settings"]).rstrip() if study.tree()["settings"] else "the defaults"
+    lines = [study.title, f"folder: {folder.path}", "all trials:", *(f"  {line}" for line in common.splitlines()), ""]
+    if study.search:
+        search = study.search
+        lines.append(
+            f"{search.trials} trials, {search.searcher}, {search.scheduler}, seed {study.seeds[0]}; drawn from"
+        )
+        lines += [f"  {key}: {space.kind} {list(space.values)}" for key, space in search.space.items()]
+        return "\n".join(lines)
+    rows = []
+    for entry in entries:
+        differs = ", ".join(f"{key}={value}" for key, value in values(study.variants[entry.label]).items())
+        rows.append([f"{entry.label}-{entry.seed}", Path(entry.run).name, entry.status, differs or "-"])
+    return "\n".join([*lines, table(["trial", "run", "status", "settings"], rows, left=(0, 1, 2, 3))])
+
+
+def _closing(studied: Studied, study: Study) -> str:
+    """What came of it."""
+    by_status: dict[str, list[Entry]] = {}
+    for entry in studied.entries:
+        by_status.setdefault(entry.status, []).append(entry)
+    lines = [", ".join(f"{len(group)} {status}" for status, group in by_status.items())]
+    lines += [f"failed: {entry.label}-{entry.seed}: {entry.error}" for entry in by_status.get("failed", [])]
+    if studied.best is not None:
+        best = studied.best
+        lines.append(f"best    {best.label}, seed {best.seed}: {study.metric} {studied.score:.3f}")
+        lines.append(f"policy  {normpath(studied.folder.path / best.run / 'policy.npz')}")
+    lines.append(f"report  {studied.folder.report / 'report.md'}")
+    tracking = study.settings_of_all()["tracking"]
+    if tracking["enabled"]:
+        uri = shown(tracking["uri"])
+        lines.append(f"compare {f'mlflow ui --backend-store-uri {uri}' if uri.startswith('sqlite') else uri}")
+    return "\n".join(lines)

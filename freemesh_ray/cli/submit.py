@@ -1,0 +1,125 @@
+"""``freemesh submit``: its grammar, what is checked before anything is uploaded, and the line that it runs."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from freemesh_ray import config
+from freemesh_ray.config import paths
+from freemesh_ray.jobs import server
+from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
+from freemesh_ray.tracking import provenance
+from freemesh_ray.training.run_folder import RunError
+
+INTERRUPTED = 130
+
+EPILOG = """\
+examples:
+  freemesh submit --address http://head:8265 -- train --config train_default.yaml --set name=mine
+  freemesh submit --home /shared/freemesh --tracking http://mlflow:5000 -- study algorithms
+  freemesh submit --print -- study algorithms     the line alone, to be run by hand
+
+To be run in a checkout, whose code is uploaded. A job that was stopped, or lost its machine, goes on when the same is
+submitted again: runs and studies lie below --home, on storage that all nodes see.
+"""
+
+
+def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) -> None:
+    """Add the command to the parser's; ``whole`` makes types of whole numbers."""
+    submit = commands.add_parser(
+        "submit",
+        help="train or study as a job on a Ray cluster",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Submit a training or a study to a Ray cluster as a job, and follow its logs.",
+        epilog=EPILOG,
+    )
+    submit.add_argument("--address", metavar="URL", help="of the cluster's dashboard (RAY_API_SERVER_ADDRESS, "
+                        "RAY_ADDRESS, else http://127.0.0.1:8265)")  # fmt: skip
+    submit.add_argument("--home", metavar="DIR", default=os.environ.get(paths.HOME),
+                        help="the cluster's folder for runs and studies (FREEMESH_HOME; ~/freemesh)")  # fmt: skip
+    submit.add_argument("--tracking", metavar="URI", default=os.environ.get(paths.STORE),
+                        help="MLflow's store (MLFLOW_TRACKING_URI; sqlite:///mlflow.db below the home)")  # fmt: skip
+    submit.add_argument("--cpus", type=whole(0, 1024), metavar="N",
+                        help="cores of the job's own process (train 1, study 0: it runs on the head)")  # fmt: skip
+    submit.add_argument("--submission-id", metavar="ID", help="the job's name")
+    submit.add_argument("--no-wait", dest="wait", action="store_false", help="do not follow the logs")
+    submit.add_argument("--print", dest="dry", action="store_true", help="print the line and stop")
+    submit.add_argument("line", nargs=argparse.REMAINDER, metavar="-- train|study ...", help="what to run")
+
+
+def run(options: argparse.Namespace, parse: Callable[[Sequence[str]], argparse.Namespace]) -> int:
+    """Check, print and run the line; the exit code is that of ``ray job submit``.
+
+    Args:
+        options: the command's.
+        parse: the parser of whole ``freemesh`` lines.
+
+    Raises:
+        ConfigError, RunError, DomainError: what is wrong with the input.
+    """
+    command = options.line[1:] if options.line[:1] == ["--"] else options.line
+    name = checked(command, parse)
+    url = server.address(options.address)
+    variables = {
+        paths.HOME: options.home, paths.STORE: options.tracking,
+        provenance.GIVEN: provenance.provenance().get(provenance.COMMIT),
+    }  # fmt: skip
+    environment = runtime_env(RUNTIME_ENV, {key: value for key, value in variables.items() if value})
+    cpus = CPUS[command[0]] if options.cpus is None else options.cpus
+    job = options.submission_id or (None if options.dry else f"{name}-{time.strftime('%Y%m%d-%H%M%S')}")
+    line = submission(url, command, environment, cpus=cpus, submission_id=job, wait=options.wait)
+    print(shlex.join(line), flush=True)
+    if options.dry:
+        return 0
+    server.ask(url)
+    try:
+        return follow(line)
+    except KeyboardInterrupt:
+        at = f"--address {url} {job}"
+        print(f"\nthe job goes on: `ray job logs {at} --follow`; `ray job stop {at}` ends it", file=sys.stderr)
+        return INTERRUPTED
+
+
+def follow(line: Sequence[str]) -> int:
+    """Run a line of ``ray``, the one beside this Python; its exit code."""
+    return subprocess.run([str(Path(sys.executable).with_name("ray")), *line[1:]]).returncode
+
+
+def checked(command: Sequence[str], parse: Callable[[Sequence[str]], argparse.Namespace]) -> str:
+    """The name of what a line would run, once it is known that it can be.
+
+    Raises:
+        ConfigError, RunError, DomainError: what is wrong with it.
+    """
+    if not command or command[0] not in CPUS:
+        raise RunError("submit: give what to run: -- train ..., or -- study NAME ...")
+    if not (RUNTIME_ENV.is_file() and Path("freemesh_ray").is_dir()):
+        raise RunError(f"{Path.cwd()}: is no checkout of freemesh-ray, whose code a job is: submit from one")
+    options = parse(command)
+    if options.command == "train":
+        from freemesh_ray.training.job import check_stages
+
+        files, settings = options.config, config.load(options.config, options.set)
+        check_stages(settings)
+        name = settings["name"]
+    else:
+        from freemesh_ray.cli.study import check
+        from freemesh_ray.studies.definition import load
+
+        if options.study is None:
+            raise RunError("submit: study: give a study's name, or its YAML file")
+        files, study = [options.study], load(options.study, options.set, smoke=options.smoke)
+        check(study)
+        name = study.name
+    for file in files:
+        if Path(file).is_absolute() or ".." in Path(file).parts:
+            raise RunError(f"{file}: lies outside the folder that is uploaded: copy it into {Path.cwd()}")
+    return f"{options.command}-{name}"

@@ -1,0 +1,95 @@
+"""The finish of a mesh: clean up its connectivity, move its interior vertices to where the elements are best.
+
+    move all vertices at once -> clean up -> move all vertices at once, twice
+
+The boundary is never touched. What comes out is never worse than what was given: see :func:`finish`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from envs.mesh import Mesh
+from envs.quality import convex_quality
+from freemesh_ray.finish.cleanup import FLOOR, clean_up
+from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
+from freemesh_ray.finish.optimiser import descend, descent
+from freemesh_ray.meshes.metrics import irregular
+
+#: Steps of all vertices at once: before the clean-up; after it; and then with the sharp stand-in.
+FIRST_STEPS, STEPS, SHARP_STEPS = 30, 60, 60
+#: A descent ends when a step lowers the cost by less than this share.
+LEAST_FALL = 2e-5
+#: How often vertices near elements that became too poor are held, before nothing is moved at all.
+HOLDS = 4
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished mesh.
+
+    Attributes:
+        mesh: the domain's points first; elements and other vertices are in no particular order.
+        sequences: short sequences of topological changes that were kept.
+    """
+
+    mesh: Mesh
+    sequences: int
+
+
+def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
+    """Improve a complete mesh.
+
+    The mean of eta never falls, the least eta does not fall below what it was, or ``cleanup.FLOOR`` when it was
+    better, and the interior vertices that are irregular do not become more.
+
+    Args:
+        mesh: without defects.
+        smooth: move interior vertices.
+        clean: change the connectivity where that makes elements better; interior vertices nearby move with it.
+    """
+    work = build(mesh.vertices, mesh.quads, mesh.on_boundary)
+    if smooth:
+        relax(work, False, FIRST_STEPS)
+    sequences = clean_up(work) if clean else 0
+    if smooth:
+        relax(work, False, STEPS)
+        relax(work, True, SHARP_STEPS)
+    vertices, quads = compact(work, int(mesh.segments.max()) + 1)
+    finished = replace(mesh, vertices=vertices, quads=quads)
+    if no_worse(mesh, finished):
+        return Finished(finished, sequences)
+    return finish(mesh, smooth=smooth, clean=False) if smooth and clean else Finished(mesh, 0)
+
+
+def no_worse(before: Mesh, after: Mesh) -> bool:
+    """Whether a finished mesh is as good as promised."""
+    old, new = convex_quality(before.vertices, before.quads), convex_quality(after.vertices, after.quads)
+    fine = bool(new.mean() >= old.mean() and new.min() >= min(float(old.min()), FLOOR))
+    return fine and len(irregular(after)) <= len(irregular(before))
+
+
+def relax(work: Halfedges, sharp: bool, steps: int) -> None:
+    """Move all interior vertices at once, but for those around elements that would become too poor."""
+    count, quads = work.counts[VERTICES], work.quads[: work.counts[QUADS]]
+    quads = quads[quads[:, 0] != NONE]
+    start = work.xy[:count].copy()
+    limit = min(float(convex_quality(start, quads).min()), FLOOR)
+    free = ~work.fixed[:count] & (work.degree[:count] > 0)
+    memory = descent(count)
+    for _ in range(HOLDS):
+        order = np.argsort(~free, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(count)
+        moved, corners = start[order], place[quads]
+        descend(moved, corners, int(free.sum()), sharp, steps, LEAST_FALL, memory)
+        poor = convex_quality(moved, corners) < limit
+        if not poor.any():
+            work.xy[order] = moved
+            return
+        held = np.zeros(count, dtype=np.bool_)
+        held[quads[poor]] = True
+        held[quads[held[quads].any(axis=1)]] = True
+        free &= ~held

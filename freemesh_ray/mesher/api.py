@@ -1,0 +1,115 @@
+"""Polygons in, meshes out, for programs: ``freemesh_ray.mesh(polygon)``."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from envs.domains.load import from_shape
+from envs.mesh import Mesh as PlainMesh
+from envs.types import Domain, DomainError
+from freemesh_ray import export, plots
+from freemesh_ray.mesher import Made, make
+from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.plots import replay
+from freemesh_ray.policies.policy import DEFAULT, SHIPPED, Policy
+
+#: What a mesh can be written as.
+SUFFIXES = (*export.SUFFIXES, *plots.SUFFIXES, replay.SUFFIX)
+
+
+@dataclass(frozen=True)
+class Mesh(PlainMesh):
+    """An all-quad mesh, finished.
+
+    Attributes:
+        made: how it came about: the mesh as the policy left it, times, what recovery was needed.
+
+    ``name``, ``vertices`` (n, 2) float64, ``quads`` (m, 4) int64 counter-clockwise, ``segments`` (s, 2) int64: see
+    envs.mesh.Mesh.
+    """
+
+    made: Made
+
+    def quality(self) -> dict[str, float]:
+        """The eight metrics and more, by name (see metrics.measure)."""
+        return measure(self)
+
+    def plot(self, path: str | os.PathLike[str]) -> None:
+        """Draw it, coloured by quality, into a ``.png`` or ``.svg``."""
+        plots.draw_mesh(self, Path(path))
+
+    def write(self, path: str | os.PathLike[str], *, version: str = "4.1", quadratic: bool = False) -> None:
+        """Write it in the format that the extension names, one of ``SUFFIXES``.
+
+        Args:
+            path: ``.inp``, ``.msh``, ``.vtu``, ``.bdf``, ``.obj``, a picture, or ``.html``, a replay.
+            version: of a ``.msh``, 4.1 or 2.2.
+            quadratic: with nodes in the middle of the edges.
+
+        Raises:
+            OutputError: another extension, or a place that cannot be written to.
+        """
+        place = Path(path)
+        if place.suffix.lower() in plots.SUFFIXES:
+            self.plot(place)
+        elif place.suffix.lower() == replay.SUFFIX:
+            replay.write(self.made.raw, place, None if self.made.finished is self.made.raw else self)
+        else:
+            export.write(self, place, version, quadratic)
+
+
+def mesh_domain(domain: Domain, policy: Policy | None = None, **options: Any) -> Mesh:
+    """The mesh of a domain.
+
+    Args:
+        domain: see envs.domains.load.load.
+        policy: the shipped one by default.
+        options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.make.
+
+    Raises:
+        MeshingError: a domain thinner than its coordinates are precise.
+    """
+    made = make(Policy.load(DEFAULT) if policy is None else policy, domain, **options)
+    best = made.finished
+    return Mesh(best.name, best.vertices, best.quads, best.segments, best.complete, made)
+
+
+def mesh(
+    polygon: Any,
+    *,
+    edge_length: float | None = None,
+    grading: float = 1.0,
+    fix_parity: bool = False,
+    name: str = "polygon",
+    density: str = "medium",
+    policy: Policy | None = None,
+    **options: Any,
+) -> Mesh:
+    """Mesh a polygon.
+
+    Args:
+        polygon: a shapely Polygon, an (n, 2) array, or what else ``envs.domains.load.from_shape`` takes, of one polygon.
+            Its vertices are the boundary's vertices unless ``edge_length`` is given.
+        edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
+        grading: largest over smallest piece; 1: all alike.
+        fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
+            never is).
+        name: what messages and files call it.
+        density: ``sparse``, ``medium`` or ``dense``: how large elements grow inside.
+        policy: the shipped one of that density by default.
+        options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.make.
+
+    Raises:
+        DomainError: not one polygon, or one that cannot be meshed; one line with the place and the fix.
+    """
+    domains = from_shape(polygon, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+    if len(domains) != 1:
+        raise DomainError(f"{name}: {len(domains)} polygons where one is needed; mesh them one by one")
+    if policy is None:
+        if density not in SHIPPED:
+            raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
+        policy = Policy.load(SHIPPED[density])
+    return mesh_domain(domains[0], policy, **options)

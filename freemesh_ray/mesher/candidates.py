@@ -1,0 +1,72 @@
+"""The best of several actions: each is tried on the front, the valid one of the highest merit is kept."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.kernels.compiled import compiled, inlined
+from envs.mdp.action import ACCEPTED
+from envs.mdp.front import Front
+from envs.mdp.transition import Numbers
+from envs.types import Floats, Ints
+from freemesh_ray.mesher.agent import Agent, immediate_reward, value
+from freemesh_ray.mesher.undo_log import element
+
+
+class Choice(NamedTuple):
+    """The best action so far.
+
+    Attributes:
+        action: (5,) float64.
+        slot: (1,) int64, the vertex it is taken at.
+        merit: (1,) float64, -inf when there is none.
+        draft: (5,) float64, memory for the next action to be tried.
+    """
+
+    action: Floats
+    slot: Ints
+    merit: Floats
+    draft: Floats
+
+
+def choice() -> Choice:
+    """No action yet."""
+    return Choice(np.zeros(5), np.zeros(1, dtype=np.int64), np.full(1, -np.inf), np.zeros(5))
+
+
+@inlined
+def begin(choice: Choice) -> None:
+    """Forget the best action."""
+    choice.merit[0] = -np.inf
+
+
+@inlined
+def found(choice: Choice) -> bool:
+    """Whether any action was valid."""
+    return choice.merit[0] > -np.inf
+
+
+@compiled
+def consider(
+    choice: Choice, front: Front, slot: int, agent: Agent, judged: bool, type2: bool, numbers: Numbers
+) -> None:
+    """Try the draft at a slot.
+
+    Args:
+        choice: the draft is kept if it is valid and better than the best.
+        front: not changed.
+        slot: where; with ``judged``, the one the agent looks at.
+        agent: whose critics rank the actions.
+        judged: whether they do (if there are critics); the immediate reward does otherwise.
+        type2: how the draft is to be read.
+        numbers: the MDP's numbers.
+    """
+    cut = element(front, slot, choice.draft, type2, numbers)
+    if cut.rejection != ACCEPTED:
+        return
+    merit = value(agent, choice.draft) if judged and agent.judges else immediate_reward(front, cut, numbers)
+    if merit > choice.merit[0]:
+        choice.merit[0], choice.slot[0] = merit, slot
+        choice.action[:] = choice.draft

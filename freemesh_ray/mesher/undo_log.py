@@ -1,0 +1,75 @@
+"""What was cut, in order, so that it can be taken back: every element cut by the mesher goes through here."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.kernels.compiled import compiled
+from envs.mdp.action import CHAIN_EDGES, Cut, decode, decode_kind
+from envs.mdp.front import AREA, ELEMENTS, Front, retreat
+from envs.mdp.transition import Numbers, take
+from envs.types import Floats
+
+#: Where an element came from; see ``engine``.
+POLICY, SAMPLED, NEXT, WIDE, LOOKAHEAD, LAST = range(6)
+SOURCES = ("policy", "sampled", "next vertex", "wide", "look-ahead", "last")
+
+
+class Trail(NamedTuple):
+    """A line for each element, in the order of ``Front.quads``.
+
+    Attributes:
+        start: (E,) int64, first slot of its chain.
+        kind: (E,) int8, index into action.KINDS.
+        source: (E,) int8, index into SOURCES.
+        area: (E,) float64, the area that was left before it.
+    """
+
+    start: np.ndarray
+    kind: np.ndarray
+    source: np.ndarray
+    area: Floats
+
+
+def trail(elements: int) -> Trail:
+    """Room for ``elements`` lines."""
+    return Trail(
+        start=np.zeros(elements, dtype=np.int64),
+        kind=np.zeros(elements, dtype=np.int8),
+        source=np.zeros(elements, dtype=np.int8),
+        area=np.zeros(elements),
+    )
+
+
+@compiled
+def element(front: Front, slot: int, action: Floats, type2: bool, numbers: Numbers) -> Cut:
+    """The element that an action asks for at a slot."""
+    return decode(front, slot, action, numbers.n, numbers.alpha, type2)
+
+
+@compiled
+def cut_off(front: Front, trail: Trail, cut: Cut, kind: int, source: int, n_rv: int) -> None:
+    """Cut an accepted element off the front and note it."""
+    line = front.counts[ELEMENTS]
+    trail.start[line], trail.kind[line], trail.source[line] = cut.start, kind, source
+    trail.area[line] = front.measure[AREA]
+    take(front, cut, n_rv)
+
+
+@compiled
+def cut_action(
+    front: Front, trail: Trail, slot: int, action: Floats, type2: bool, source: int, numbers: Numbers
+) -> None:
+    """Cut the element that a valid action asks for at a slot off the front."""
+    cut = element(front, slot, action, type2, numbers)
+    cut_off(front, trail, cut, decode_kind(action[0], type2), source, numbers.n_rv)
+
+
+@compiled
+def take_back(front: Front, trail: Trail, elements: int, n_rv: int) -> None:
+    """Take the last elements back, exactly; at most as many as there are."""
+    for _ in range(min(elements, front.counts[ELEMENTS])):
+        line = front.counts[ELEMENTS] - 1
+        retreat(front, trail.start[line], CHAIN_EDGES[trail.kind[line]], trail.area[line], n_rv)

@@ -1,0 +1,1 @@
+"""The shipped policies, what a policy is, and how good one is."""

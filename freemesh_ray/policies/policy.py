@@ -1,0 +1,176 @@
+"""A trained policy on its own: the actor's weights and what they expect, in one file that needs neither Ray nor torch.
+
+The file is a NumPy archive: ``weight_0``, ``bias_0``, .., for a policy with critics ``critic_weight_0``,
+``critic_bias_0``, .., and ``about``, a JSON text with the MDP's parameters and whatever is worth knowing of the
+training.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.types import MeshingParameters
+from freemesh_ray.storage.array_archive import read_arrays
+from freemesh_ray.storage.atomic import replacing
+
+#: The policies that ship with the package, by how large they cut the elements; their card lies beside them.
+SHIPPED = {name: Path(__file__).parent / f"{name}.npz" for name in ("sparse", "medium", "dense")}
+DEFAULT = SHIPPED["medium"]
+
+#: What JSON may have for a parameter by the type of its default; for other types, just that.
+KINDS_OF: dict[type, tuple[type, ...]] = {type(None): (type(None), int), float: (float, int)}
+
+Layer = tuple[np.ndarray, np.ndarray]
+#: What reading a file raises that is no policy.
+UNREADABLE = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
+
+LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
+
+#: Observations are of the size of one; up to here no sum in a network may overflow.
+LARGEST_OBSERVATION = 1e3
+
+
+class PolicyError(ValueError):
+    """A policy file that cannot be used; the message names the file and the fix."""
+
+
+def check_layers(layers: Sequence[Layer], what: str, lead: tuple[int, ...], ends: tuple[int, int]) -> None:
+    """Refuse layers that do not fit each other, or are not finite, or do not lead from and to the widths ``ends``.
+
+    Raises:
+        PolicyError: as said.
+    """
+    width = None
+    reach = np.full(layers[0][0].shape[-2:-1], LARGEST_OBSERVATION)
+    for weight, bias in layers:
+        if weight.ndim != len(lead) + 2 or weight.shape[:-2] != lead or width not in (None, weight.shape[-2]):
+            raise PolicyError(f"the policy's {what}: the layers do not fit each other")
+        if bias.shape != (*lead, weight.shape[-1]):
+            raise PolicyError(f"the policy's {what}: a bias does not fit its layer")
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise PolicyError("the policy's weights are not finite: its training diverged")
+        width = weight.shape[-1]
+        reach = np.einsum("...i,...io->...o", reach, np.abs(weight, dtype=np.float64)) + np.abs(bias)
+    if not (reach < np.finfo(np.float32).max).all():
+        raise PolicyError("the policy's weights are so large that its actions overflow: its training diverged")
+    found = (layers[0][0].shape[-2], layers[-1][0].shape[-1])
+    if found != ends:
+        raise PolicyError(f"the policy's {what} is {found[0]} -> {found[1]}, its parameters need {ends}")
+
+
+def read_layers(archive: Mapping[str, np.ndarray], prefix: str) -> list[Layer]:
+    """The layers ``PREFIXweight_0``, ``PREFIXbias_0``, .. of an archive, float32.
+
+    Raises:
+        ValueError: one is not of floats; KeyError: one is missing.
+    """
+    count = sum(name.startswith(f"{prefix}weight_") for name in archive)
+
+    def floats(name: str) -> np.ndarray:
+        if archive[name].dtype.kind != "f":
+            raise ValueError(f"{name} does not hold floats")
+        with np.errstate(over="ignore"):  # what becomes infinite is refused with the rest
+            return archive[name].astype(np.float32)
+
+    return [(floats(f"{prefix}weight_{i}"), floats(f"{prefix}bias_{i}")) for i in range(count)]
+
+
+def read_parameters(given: Mapping[str, Any]) -> MeshingParameters:
+    """The MDP's parameters of a JSON object.
+
+    Raises:
+        ValueError: one is unknown, of another type than its default, or out of range.
+    """
+    defaults, values = asdict(MeshingParameters()), dict[str, Any]()
+    for name, value in given.items():
+        kind = type(defaults.get(name))
+        if type(value) not in KINDS_OF.get(kind, (kind,)):
+            raise ValueError(f"parameters.{name} = {str(value)[:40]!r}")
+        values[name] = float(value) if kind is float else value
+    return MeshingParameters(**values)
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A squashed-Gaussian actor.
+
+    Attributes:
+        layers: (weight (inputs, outputs), bias (outputs,)) float32; ReLU between, 2 x action size outputs at the end:
+            mean and log of the deviation before tanh.
+        parameters: the MDP that it was trained on.
+        about: where it comes from (config, seed, git commit, scores ...); JSON values.
+        critic: (weight (critics, inputs, outputs), bias (critics, outputs)) float32 of critics side by side, twins as
+            a rule: observation and action -> value; ReLU between. Empty when there are none.
+    """
+
+    layers: Sequence[Layer]
+    parameters: MeshingParameters
+    about: Mapping[str, Any] = field(default_factory=dict)
+    critic: Sequence[Layer] = ()
+
+    def __post_init__(self) -> None:
+        seen, acted = self.parameters.observation_size, self.parameters.action_size
+        check_layers(self.layers, "network", (), (seen, 2 * acted))
+        if self.critic:
+            check_layers(self.critic, "critic", self.critic[0][0].shape[:-2], (seen + acted, 1))
+
+    def _outputs(self, obs: np.ndarray) -> np.ndarray:
+        x = obs
+        for weight, bias in self.layers[:-1]:
+            x = np.maximum(x @ weight + bias, 0.0)
+        weight, bias = self.layers[-1]
+        return x @ weight + bias
+
+    def act(self, obs: np.ndarray, sample: np.ndarray | bool, random: np.random.Generator) -> np.ndarray:
+        """Actions for a batch.
+
+        Args:
+            obs: (batch, observation size) float32.
+            sample: for each row, or for all, whether to draw from the distribution or take its squashed mean.
+            random: where the noise comes from.
+
+        Returns:
+            (batch, action size) float32 in [-1, 1].
+        """
+        mean, log_std = np.split(self._outputs(obs), 2, axis=1)
+        noise = random.standard_normal(mean.shape, dtype=np.float32)
+        noise *= np.broadcast_to(np.asarray(sample), len(obs))[:, None]
+        return np.tanh(mean + np.exp(np.clip(log_std, LOG_STD_MIN, LOG_STD_MAX)) * noise)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the policy to ``path``; the file appears whole or not at all."""
+        about = {"parameters": asdict(self.parameters), "about": dict(self.about)}
+        arrays = {f"weight_{i}": weight for i, (weight, _) in enumerate(self.layers)}
+        arrays |= {f"bias_{i}": bias for i, (_, bias) in enumerate(self.layers)}
+        arrays |= {f"critic_weight_{i}": weight for i, (weight, _) in enumerate(self.critic)}
+        arrays |= {f"critic_bias_{i}": bias for i, (_, bias) in enumerate(self.critic)}
+        with replacing(Path(path)) as draft, open(draft, "wb") as file:
+            np.savez(file, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Policy:
+        """Read a policy.
+
+        Raises:
+            PolicyError: no such file, or not a policy.
+        """
+        if not os.path.isfile(path):
+            raise PolicyError(f"{path}: no such policy file; train one with `freemesh train`, or check the path")
+        try:
+            archive = read_arrays(path)
+            text = json.loads(str(archive["about"]))
+            layers, critic = read_layers(archive, ""), read_layers(archive, "critic_")
+            parameters, about = read_parameters(text["parameters"]), dict(text["about"])
+            return cls(layers, parameters, about, critic)
+        except UNREADABLE as error:
+            reason = " ".join(str(error).split())[:200]
+            raise PolicyError(
+                f"{path}: not a policy file ({reason}); give the policy.npz that a training wrote"
+            ) from error

@@ -1,0 +1,178 @@
+"""A polygon's text in, the answer out: what a worker process does."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Any
+
+import numpy as np
+
+from envs.domains.conforming import domains_of
+from envs.polygons.rings import as_ring
+from envs.readers.python_objects import polygons_of
+from envs.types import Domain, DomainError
+from freemesh_ray.mesher import MeshingError, make
+from freemesh_ray.policies.policy import Policy
+from freemesh_ray.serving.formats import MEDIA, encoded
+from freemesh_ray.serving.limits import Limits
+from freemesh_ray.serving.parameters import Parameters
+from freemesh_ray.storage.atomic import OutputError
+
+#: What messages and files call the polygon.
+NAME = "polygon"
+
+#: Characters kept of a message's beginning and end: some quote what was given.
+HEAD, TAIL = 300, 100
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to mesh, and how.
+
+    Attributes:
+        body: the polygon's text as it came, unchecked.
+    """
+
+    body: bytes
+    parameters: Parameters
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a client gets.
+
+    Attributes:
+        status: of HTTP.
+        body: the mesh, or ``{"error": line}``.
+        media: its content type.
+        elements: of the mesh; 0 when there is none.
+    """
+
+    status: int
+    body: bytes
+    media: str = MEDIA["json"]
+    elements: int = 0
+
+
+class Refused(Exception):
+    """A job that is not done; the status and the line that says why."""
+
+    def __init__(self, status: int, line: str) -> None:
+        super().__init__(line)
+        self.status = status
+
+
+def refusal(status: int, line: str) -> Answer:
+    """The answer with an error's line."""
+    short = line if len(line) <= HEAD + TAIL else f"{line[:HEAD]} ... {line[-TAIL:]}"
+    return Answer(status, json.dumps({"error": short}).encode("ascii") + b"\n")
+
+
+def answer(job: Job, policies: Mapping[str, Policy], limits: Limits) -> Answer:
+    """Do a job.
+
+    Args:
+        job: as it came.
+        policies: by density.
+        limits: of the vertices; the time is others' affair.
+    """
+    began = time.perf_counter()
+    wanted = job.parameters
+    try:
+        domain = domain_of(job, limits)
+        made = make(
+            policies[wanted.density], domain, seed=wanted.seed, best_of=wanted.best_of, smooth=wanted.smooth,
+            clean=wanted.clean,
+        )  # fmt: skip
+        body = encoded(made.finished, wanted.form, time.perf_counter() - began)
+    except Refused as refused:
+        return refusal(refused.status, str(refused))
+    except (DomainError, MeshingError, OutputError) as error:
+        return refusal(HTTPStatus.UNPROCESSABLE_ENTITY, in_parameters(str(error)))
+    return Answer(HTTPStatus.OK, body, MEDIA[wanted.form], len(made.finished.quads))
+
+
+def domain_of(job: Job, limits: Limits) -> Domain:
+    """The one domain in a job's text.
+
+    Raises:
+        Refused: no JSON object, or too many vertices.
+        DomainError: no polygon, several, or one that cannot be meshed.
+    """
+    wanted = job.parameters
+    polygons = polygons_of(parsed(job.body), NAME)
+    if len(polygons) != 1:
+        raise DomainError(f"{NAME}: {len(polygons)} polygons where one is needed; send them one by one")
+    check_vertices(least_vertices(polygons[0], wanted.edge_length), limits)
+    (domain,) = domains_of(
+        polygons, NAME, NAME, fix_parity=wanted.fix_parity, edge_length=wanted.edge_length, grading=wanted.grading
+    )
+    check_vertices(len(domain.ring), limits)
+    return domain
+
+
+def least_vertices(rings: Sequence[Any], edge_length: float | None) -> int:
+    """How many vertices a boundary has at least, before anything costly is done with it.
+
+    Args:
+        rings: of one polygon, unchecked.
+        edge_length: by which its sides will be split, if they will.
+
+    Raises:
+        DomainError: coordinates that are none.
+    """
+    checked = [as_ring(ring, NAME, i) for i, ring in enumerate(rings)]
+    given = sum(map(len, checked))
+    if edge_length is None:
+        return given
+    perimeter = sum(np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1).sum() for ring in checked)
+    # A side of x edge lengths gets round(x) pieces and at least one, hence 2/3 x or more.
+    return max(given, int(min(perimeter / edge_length / 1.5, 1e18)))
+
+
+def check_vertices(count: int, limits: Limits) -> None:
+    """Refuse too many of them.
+
+    Raises:
+        Refused: as said.
+    """
+    if count > limits.vertices:
+        raise Refused(
+            HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+            f"{NAME}: {count:,} boundary vertices or more, at most {limits.vertices:,} are meshed here; simplify it or "
+            "use a larger edge_length",
+        )
+
+
+def parsed(body: bytes) -> dict[str, Any]:
+    """The JSON object in a text.
+
+    Raises:
+        Refused: there is none.
+    """
+    try:
+        # Whole numbers as floats: others could have millions of digits.
+        shape = json.loads(body, parse_int=float, parse_constant=not_a_number)
+    except RecursionError:
+        raise Refused(HTTPStatus.BAD_REQUEST, "body: JSON nested too deep; send a GeoJSON Polygon") from None
+    except ValueError as error:
+        raise Refused(HTTPStatus.BAD_REQUEST, f"body: not JSON ({error}); send a GeoJSON Polygon") from None
+    if not isinstance(shape, dict):
+        raise Refused(HTTPStatus.BAD_REQUEST, "body: JSON, but no object; send a GeoJSON Polygon")
+    return shape
+
+
+def not_a_number(word: str) -> float:
+    """Refuse NaN and infinities, which JSON does not have."""
+    raise ValueError(f"{word} is no number")
+
+
+def in_parameters(line: str) -> str:
+    """A line that advises options of the command, with a request's parameters in their place."""
+    line = line.replace("--fix-parity", "fix_parity=true")
+    return re.sub(r"--(\w+)-(\w+)", r"\1_\2", line)

@@ -1,0 +1,287 @@
+"""What a study is: the file ``tune_configs/NAME.yaml``, read and checked.
+
+A file has two parts. ``settings`` holds what all trials share, over the defaults. ``study`` says what they differ in:
+either ``variants`` (label -> settings), each with each of ``seeds``, or a ``search`` of a space of settings.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from freemesh_ray import config
+from freemesh_ray.config import ConfigError, Field, Layer
+from freemesh_ray.policies.evaluation import FIGURES, KINDS
+from freemesh_ray.config.paths import Places
+from freemesh_ray.studies.space import Space, read_space
+
+LABEL = Field(str, pattern=r"[\w.+=, -]{1,60}", hint="up to 60 letters, digits, spaces and . + = , _ -")
+COMPARISON = re.compile(r"\s*(.+?)\s*>\s*(.+?)\s*")
+
+#: What ``study`` may hold besides ``variants`` and ``search``; what has no default must be there.
+KEYS: dict[str, Field] = {
+    "title": Field(str),
+    "paper": Field(str, optional=True),
+    "finding": Field(str, optional=True),
+    "expects": Field(str, many=True, distinct=True),
+    "seeds": Field(int, 0, 2**31 - 1, many=True, distinct=True),
+    "domains": Field(str, many=True, distinct=True),
+    "metric": Field(str, words=tuple(f"eval_{kind}/{name}" for kind in KINDS for name in FIGURES)),
+    "retries": Field(int, 0, 100),
+}
+DEFAULTS: dict[str, Any] = {
+    "paper": None, "finding": None, "expects": [], "seeds": [], "domains": [], "metric": "eval_deterministic/score",
+    "retries": 1,
+}  # fmt: skip
+
+SEARCH: dict[str, Field] = {
+    "trials": Field(int, 1, 10**6),
+    "searcher": Field(str, words=("optuna", "random")),
+    "scheduler": Field(str, words=("asha", "pbt", "none")),
+    "grace": Field(int, 1, config.COUNT),
+    "reduction": Field(float, 1.5, 100),
+    "perturbation": Field(int, 1, config.COUNT),
+}
+SEARCH_DEFAULTS: dict[str, Any] = {
+    "searcher": "optuna", "scheduler": "asha", "grace": 10_000, "reduction": 3.0, "perturbation": 10_000,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search of a space of settings.
+
+    Attributes:
+        trials: how many; the first has the study's own settings.
+        searcher: optuna (tree-structured Parzen estimator) or random.
+        scheduler: asha (asynchronous successive halving), pbt (population based training) or none.
+        grace: env steps before asha may stop a trial; ``reduction``: one of so many goes on at each rung.
+        perturbation: env steps between two of pbt's perturbations.
+        space: dotted key -> what its values are drawn from.
+    """
+
+    trials: int
+    searcher: str
+    scheduler: str
+    grace: int
+    reduction: float
+    perturbation: int
+    space: Mapping[str, Space]
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, checked.
+
+    Attributes:
+        name: of the file.
+        title, paper, finding: what it is about, where the paper has it, and what the paper found.
+        expects: pairs of labels (better, worse) that the finding amounts to.
+        variants: label -> settings that differ; empty for a search.
+        seeds: each variant is trained with each; none where the variants set their seeds.
+        domains: what every policy is evaluated on in the report.
+        metric: key of an evaluation (``evaluations.jsonl``), the larger the better.
+        retries: how often a failed trial is tried again.
+        search: None for a study of variants.
+        settings: what all trials share.
+        last: ``key=value`` settings, over everything.
+        places: where its trees' places lie.
+    """
+
+    name: str
+    title: str
+    paper: str | None
+    finding: str | None
+    expects: Sequence[tuple[str, str]]
+    variants: Mapping[str, Layer]
+    seeds: Sequence[int]
+    domains: Sequence[str]
+    metric: str
+    retries: int
+    search: Search | None
+    settings: Layer
+    last: Sequence[Layer] = ()
+    places: Places = field(default_factory=Places.here)
+
+    def seeds_of(self, label: str) -> Sequence[int]:
+        """The seeds that a variant is trained with."""
+        own = config.values(self.variants[label]).get("seed")
+        return self.seeds if own is None else [own]
+
+    def trial_config(self, label: str | None, seed: int, drawn: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """The complete tree of one trial.
+
+        Args:
+            label: of its variant, None for the settings that all share.
+            seed: of its random numbers.
+            drawn: settings that a search chose.
+        """
+        layers = [self.settings, *([self.variants[label]] if label is not None else []), *self.last]
+        chosen = {key: list(value) if isinstance(value, tuple) else value for key, value in (drawn or {}).items()}
+        own = config.value_layer({**chosen, "seed": seed}, f"study {self.name}")
+        return self.places.settled(config.resolve([*layers, own]))
+
+    def settings_of_all(self) -> dict[str, Any]:
+        """The complete tree without what trials differ in."""
+        return self.places.settled(config.resolve([self.settings, *self.last]))
+
+    def tree(self) -> dict[str, Any]:
+        """The study as a plain tree, to be written down."""
+        common = config.values([entry for layer in (self.settings, *self.last) for entry in layer])
+        about: dict[str, Any] = {
+            "title": self.title,
+            "paper": self.paper,
+            "finding": self.finding,
+            "expects": [f"{better} > {worse}" for better, worse in self.expects],
+            "variants": {label: config.values(layer) for label, layer in self.variants.items()},
+            "seeds": list(self.seeds),
+            "domains": list(self.domains),
+            "metric": self.metric,
+            "retries": self.retries,
+        }
+        if self.search:
+            about["search"] = {
+                **{key: getattr(self.search, key) for key in SEARCH},
+                "space": {key: {space.kind: list(space.values)} for key, space in self.search.space.items()},
+            }
+        return {
+            "study": {key: value for key, value in about.items() if value not in ([], {}, None)},
+            "settings": common,
+        }
+
+
+def load(source: str | Path, sets: Sequence[str] = (), *, smoke: bool = False) -> Study:
+    """Read a study.
+
+    Args:
+        source: a file, or the name of a study that ships with the package.
+        sets: ``key=value``, over the settings of all trials.
+        smoke: the whole path in about a minute: the settings of ``study_smoke.yaml``, two seeds, six trials.
+
+    Raises:
+        ConfigError: what is wrong, with file, line and fix.
+    """
+    name, root = config.document(source)
+    parts = dict(_pairs(root, name, 1, ""))
+    for key, (_, line) in parts.items():
+        if key not in ("study", "settings"):
+            raise ConfigError(f"{name}:{line}: {key}: unknown part of a study: it has study and settings")
+    if "study" not in parts:
+        raise ConfigError(f"{name}:1: is no study: it has no part `study`; settings of one training are for --config")
+    settings = config.tree_layer(*_at(parts["settings"], name)) if "settings" in parts else []
+    study = _study(Path(name).stem, name, *parts["study"], settings)
+    return _over(study, [config.set_layer(text) for text in sets], smoke)
+
+
+def shipped() -> list[str]:
+    """Names of the studies that ship with the package."""
+    return [name for name in config.shipped() if _is_study(name)]
+
+
+def _is_study(name: str) -> bool:
+    _, root = config.document(name)
+    return isinstance(root, yaml.MappingNode) and any(key.value == "study" for key, _ in root.value)
+
+
+def _over(study: Study, last: list[Layer], smoke: bool) -> Study:
+    """The study with settings that come last."""
+    varied = {entry.key for layer in study.variants.values() for entry in layer}
+    varied |= set(study.search.space) if study.search else set()
+    for layer in last:
+        for entry in layer:
+            if entry.key in varied or entry.key in ("seed", "name"):
+                raise ConfigError(f"{entry.place}: {entry.key} is what the study's trials differ in: change its file")
+    if smoke:
+        last = [config.file_layer("study_smoke"), *last]
+        search = replace(study.search, trials=min(6, study.search.trials)) if study.search else None
+        study = replace(study, name=f"{study.name}-smoke", seeds=study.seeds[:2], search=search)
+    study = replace(study, last=last)
+    for label in study.variants:
+        study.trial_config(label, study.seeds_of(label)[0])  # resolved once: what is wrong shows now
+    if study.search:
+        study.settings_of_all()
+    return study
+
+
+def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) -> Study:
+    values: dict[str, Any] = dict(DEFAULTS)
+    variants: dict[str, Layer] = {}
+    search = None
+    lines: dict[str, int] = {}
+    for key, (child, at) in _pairs(node, name, line, "study"):
+        place = f"{name}:{at}"
+        lines[key] = at
+        if key == "variants":
+            for label, (settings_of, below) in _pairs(child, name, at, "study.variants"):
+                config.check(label, LABEL, f"{name}:{below}", "study.variants")
+                variants[label] = [] if _nothing(settings_of) else config.tree_layer(settings_of, name, below)
+        elif key == "search":
+            search = _search(name, child, at)
+        elif key in KEYS:
+            values[key] = config.check(config.plain(child, place), KEYS[key], place, f"study.{key}")
+        else:
+            known = ", ".join([*KEYS, "variants", "search"])
+            raise ConfigError(f"{place}: study.{key}: unknown key: known are {known}")
+    if "title" not in values:
+        raise ConfigError(f"{name}:{line}: study.title is missing: it must be {KEYS['title']}")
+    if bool(variants) == bool(search):
+        raise ConfigError(f"{name}:{line}: study: give variants (label: settings), or a search, one of the two")
+    if search and len(values["seeds"]) != 1:
+        raise ConfigError(f"{name}:{lines.get('seeds', line)}: study.seeds: a search has one seed: write seeds: [356]")
+    values["expects"] = [_expected(text, variants, f"{name}:{lines['expects']}") for text in values["expects"]]
+    own = ["seed" in config.values(layer) for layer in variants.values()]
+    if any(own) and (values["seeds"] or not all(own)):
+        raise ConfigError(f"{name}:{line}: study: either every variant sets its seed, or study.seeds does for all")
+    if not any(own) and not values["seeds"]:
+        raise ConfigError(f"{name}:{line}: study.seeds is missing: it must be {KEYS['seeds']}")
+    return Study(name=stem, variants=variants, search=search, settings=settings, **values)
+
+
+def _search(name: str, node: yaml.Node, line: int) -> Search:
+    values: dict[str, Any] = dict(SEARCH_DEFAULTS)
+    space: dict[str, Space] = {}
+    for key, (child, at) in _pairs(node, name, line, "study.search"):
+        place = f"{name}:{at}"
+        if key == "space":
+            for setting, (choice, below) in _pairs(child, name, at, "study.search.space"):
+                space[setting] = read_space(setting, config.plain(choice, f"{name}:{below}"), f"{name}:{below}")
+        elif key in SEARCH:
+            values[key] = config.check(config.plain(child, place), SEARCH[key], place, f"study.search.{key}")
+        else:
+            raise ConfigError(f"{place}: study.search.{key}: unknown key: known are {', '.join([*SEARCH, 'space'])}")
+    if "trials" not in values or not space:
+        raise ConfigError(f"{name}:{line}: study.search: needs trials (how many) and space (key: {{uniform: [a, b]}})")
+    return Search(space=space, **values)
+
+
+def _expected(text: str, variants: Mapping[str, Layer], place: str) -> tuple[str, str]:
+    found = COMPARISON.fullmatch(text)
+    if not found or found[1] not in variants or found[2] not in variants:
+        raise ConfigError(f"{place}: study.expects: {text!r}: write LABEL > LABEL, of {', '.join(variants)}")
+    return found[1], found[2]
+
+
+def _pairs(node: yaml.Node, name: str, line: int, what: str) -> list[tuple[str, tuple[yaml.Node, int]]]:
+    """(key, (value, line)) of a mapping, each key once."""
+    if not isinstance(node, yaml.MappingNode):
+        raise ConfigError(f"{name}:{line}: {what or 'the file'}: must be keys with values below it")
+    found: dict[str, tuple[yaml.Node, int]] = {}
+    for key, value in node.value:
+        at = key.start_mark.line + 1
+        if str(key.value) in found:
+            raise ConfigError(f"{name}:{at}: {key.value}: already set at line {found[key.value][1]}: remove one")
+        found[str(key.value)] = (value, at)
+    return list(found.items())
+
+
+def _at(part: tuple[yaml.Node, int], name: str) -> tuple[yaml.Node, str, int]:
+    return part[0], name, part[1]
+
+
+def _nothing(node: yaml.Node) -> bool:
+    return not node.value or (isinstance(node, yaml.ScalarNode) and node.value in ("~", "null"))

@@ -1,0 +1,131 @@
+"""The trials of a study, and what makes two trainings one and the same.
+
+A trial of variants has an identity: everything in its configuration that decides its result, and the source that it
+runs. Trials of one identity, of whatever study, share one run folder, so that it is trained once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from freemesh_ray.config import SCHEMA, flatten
+from freemesh_ray.training.run_folder import RunFolder
+from freemesh_ray.studies.definition import Study
+
+#: Names of algorithms, which are also the sections of what is theirs alone.
+ALGORITHMS = SCHEMA["algorithm"].words
+#: Label of a search's trial that has the study's own settings.
+DEFAULT = "default"
+#: Settings that decide where things lie, and nothing of what is learnt.
+INDIFFERENT = ("name", "tracking.", "paths.", "checkpoint.")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One training of a study.
+
+    Attributes:
+        label: of its variant; of a search the trial's id.
+        seed: of its random numbers.
+        config: its complete tree; ``name`` and ``paths.runs`` say where its run folder is.
+        drawn: settings that a search chose.
+    """
+
+    label: str
+    seed: int
+    config: Mapping[str, Any]
+    drawn: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """Unique in its study."""
+        return self.label if self.drawn else f"{self.label}-{self.seed}"
+
+    @property
+    def folder(self) -> RunFolder:
+        """Where its run lies."""
+        return RunFolder(Path(self.config["paths"]["runs"]) / self.config["name"])
+
+
+class Plan(Protocol):
+    """From what Tune hands a trial to the trial."""
+
+    def trial(self, given: Mapping[str, Any], key: str) -> Trial:
+        """The trial of Tune's configuration and trial id."""
+
+
+@dataclass(frozen=True)
+class Variants:
+    """Every variant with every seed.
+
+    Attributes:
+        trials: by name, in order.
+    """
+
+    trials: Mapping[str, Trial]
+
+    def trial(self, given: Mapping[str, Any], key: str) -> Trial:
+        """The trial that is named."""
+        return self.trials[given["trial"]]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The trials of a search, whose settings come while it runs.
+
+    Attributes:
+        study: the search.
+        folder: which receives one run folder a trial.
+    """
+
+    study: Study
+    folder: Path
+
+    def trial(self, given: Mapping[str, Any], key: str) -> Trial:
+        """The trial of these settings, labelled by its id; the one of the study's own settings is the default."""
+        assert self.study.search is not None
+        drawn = {setting: given[setting] for setting in self.study.search.space}
+        label = DEFAULT if drawn == default_point(self.study) else key
+        config = placed(self.study.trial_config(None, self.study.seeds[0], drawn), self.folder, f"trial-{key}")
+        return Trial(label, self.study.seeds[0], config, drawn)
+
+
+def default_point(study: Study) -> dict[str, Any]:
+    """The study's own settings as a point of its space."""
+    assert study.search is not None
+    flat = flatten(study.settings_of_all())
+    return {key: flat[key] for key in study.search.space}
+
+
+def variants(study: Study, source: str) -> Variants:
+    """The trials of a study of variants.
+
+    Args:
+        study: it.
+        source: what runs: the commit, with a digest of what was changed since.
+    """
+    found: dict[str, Trial] = {}
+    for label in study.variants:
+        for seed in study.seeds_of(label):
+            tree = study.trial_config(label, seed)
+            runs = Path(tree["paths"]["runs"])
+            trial = Trial(label, seed, placed(tree, runs, f"trial-{identity(tree, source)}"), {})
+            found[trial.name] = trial
+    return Variants(found)
+
+
+def identity(config: Mapping[str, Any], source: str) -> str:
+    """Twelve hexadecimal digits that trainings with the same result have in common."""
+    others = tuple(f"{name}." for name in ALGORITHMS if name != config["algorithm"])
+    deciding = {key: value for key, value in flatten(config).items() if not key.startswith(INDIFFERENT + others)}
+    return hashlib.sha256(json.dumps([deciding, source], sort_keys=True).encode()).hexdigest()[:12]
+
+
+def placed(config: Mapping[str, Any], runs: Path, name: str) -> dict[str, Any]:
+    """The tree with its run folder at ``runs / name``."""
+    return {**config, "name": name, "paths": {**config["paths"], "runs": str(runs)}}

@@ -1,0 +1,259 @@
+"""A study run: what is found is not trained again, the rest goes to Ray Tune, the best policy is registered.
+
+definition -> plan -> [ found finished | Tuner(TrialRun) ] -> trials.json -> best policy -> report
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ray import tune
+
+from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
+from freemesh_ray.config import flatten
+from freemesh_ray.policies.policy import Policy
+from freemesh_ray.tracking.provenance import source
+from freemesh_ray.training.run_folder import RunError
+from freemesh_ray.studies.study_folder import OVER, Entry, StudyFolder
+from freemesh_ray.studies import search
+from freemesh_ray.studies.progress import Board, name_of
+from freemesh_ray.studies.definition import Study
+from freemesh_ray.studies.plan import Drawn, Plan, Variants, variants
+from freemesh_ray.studies.trainable import TrialRun, finished
+from freemesh_ray.tracking import Run, share
+from freemesh_ray.training.job import tags
+from freemesh_ray.training.loop import Algorithm
+
+#: Checkpoints kept of each trial: Tune's record of them is a second old at most, and population based training copies
+#: from one while its trial goes on.
+KEPT = 4
+#: What Ray Tune would print or write beside what the study does; and trials stay in the folder that relative paths of
+#: the settings are relative to.
+QUIET = {
+    "RAY_CHDIR_TO_TRIAL_DIR": "0",
+    "RAY_AIR_NEW_OUTPUT": "0",
+    "TUNE_GLOBAL_CHECKPOINT_S": "1",
+    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
+    "TUNE_MAX_PENDING_TRIALS_PG": "1",
+    "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
+}
+
+
+@dataclass(frozen=True)
+class Studied:
+    """What a study leaves.
+
+    Attributes:
+        folder: where it lies.
+        entries: its trials.
+        best: the one with the best policy; None when none came to its end.
+        score: of that policy.
+    """
+
+    folder: StudyFolder
+    entries: list[Entry]
+    best: Entry | None
+    score: float
+
+
+def plan_of(study: Study) -> tuple[StudyFolder, Plan, list[Entry]]:
+    """Where a study lies, its plan, and its trials as far as they are known before it runs."""
+    settings = study.settings_of_all()
+    folder = StudyFolder(Path(settings["paths"]["studies"]) / study.name)
+    if study.search:
+        return folder, Drawn(study, folder.runs), []
+    plan = variants(study, source())
+    entries = []
+    for trial in plan.trials.values():
+        done = finished(trial.folder) is not None
+        run = os.path.relpath(trial.folder.path, folder.path)
+        entries.append(Entry(trial.label, trial.seed, run, "finished" if done else "pending", shared=done))
+    return folder, plan, entries
+
+
+def run(
+    study: Study,
+    *,
+    resume: bool,
+    make: Callable[[Mapping[str, Any]], Algorithm],
+    report: Callable[[Path], list[Path]] | None = None,
+) -> Studied:
+    """Run a study, or go on with it; Ray is up.
+
+    Args:
+        study: it.
+        resume: go on where it stopped: finished trials stay, running ones go on from their checkpoints.
+        make: the algorithm's factory.
+        report: writes the report into the study's folder; its files are tracked.
+
+    Raises:
+        RunError: there is such a study, and ``resume`` is false, it is another, or it was begun from another source.
+        KeyboardInterrupt: it was interrupted; ``resume`` goes on.
+    """
+    folder, plan, entries = plan_of(study)
+    folder.claim(study.tree(), resume)
+    entries = merged(entries, folder.read())
+    tracking = study.settings_of_all()["tracking"]
+    with Run(
+        folder.path,
+        uri=tracking["uri"],
+        experiment=tracking["experiment"],
+        name=study.name,
+        params=flatten(study.tree()),
+        tags={"study": study.name},
+        resume=resume,
+        enabled=tracking["enabled"],
+    ) as parent:
+        parent.artifact(folder.definition)
+        folder.write(entries)
+        if isinstance(plan, Variants):
+            publish(study, folder.path, plan, entries, tracking, parent.id)
+        planned = study.search.trials if study.search else len(entries)
+        if sum(entry.status in ("finished", "stopped") for entry in entries) < planned:
+            entries = tuned(study, folder, plan, entries, planned, make, parent.id)
+        if sum(entry.status in OVER for entry in entries) < planned:
+            raise KeyboardInterrupt
+        best, score = champion(folder, entries, study.metric)
+        if best is not None:
+            register(parent, study, folder, best, score)
+        for path in [folder.trials, *(report(folder.path) if report else [])]:
+            parent.artifact(path, "report" if path.parent == folder.report else None)
+    return Studied(folder, entries, best, score)
+
+
+def merged(planned: list[Entry], before: list[Entry]) -> list[Entry]:
+    """The trials of a study that goes on: as they were left, but for what was finished since.
+
+    Raises:
+        RunError: the trials are others now: they were begun from another commit, or source.
+    """
+    known = {name_of(entry): entry for entry in before}
+    for entry in planned:
+        old = known.get(name_of(entry))
+        if old is not None and old.run != entry.run:
+            raise RunError(
+                f"{name_of(entry)}: was begun from another commit, or source: go on from that one, "
+                "or --set paths.studies=OTHER to begin anew"
+            )
+        if old is not None and entry.status == "finished":
+            entry.shared = old.shared or old.status == "pending"
+        elif old is not None:
+            entry.status = "pending" if old.status == "finished" else old.status
+    return planned or before
+
+
+def publish(
+    study: Study, folder: Path, plan: Variants, entries: list[Entry], tracking: Mapping[str, Any], parent: str | None
+) -> None:
+    """Show what was found finished among this study's runs in the tracking store, too."""
+    if not tracking["enabled"] or parent is None:
+        return
+    for entry in entries:
+        if entry.shared:
+            trial = plan.trials[name_of(entry)]
+            share(
+                trial.folder.path,
+                uri=tracking["uri"],
+                experiment=tracking["experiment"],
+                name=trial.name,
+                tags={**tags(trial.config), "study": study.name, "variant": trial.label},
+                parent=parent,
+                into=folder,
+            )
+
+
+def tuned(
+    study: Study, folder: StudyFolder, plan: Plan, entries: list[Entry], planned: int, make: Any, parent: str | None
+) -> list[Entry]:
+    """Let Ray Tune run what is left; the trials as they are then."""
+    os.environ.update(QUIET)
+    settings = study.settings_of_all()
+    trainable = tune.with_resources(
+        tune.with_parameters(TrialRun, plan=plan, make=make, study=study.name, parent=parent),
+        partial(resources, plan),
+    )
+    signal.signal(signal.SIGTERM, lambda number, frame: os.kill(os.getpid(), signal.SIGINT))
+    pbt = study.search is not None and study.search.scheduler == "pbt"
+    if tune.Tuner.can_restore(str(folder.tune)):
+        tuner = tune.Tuner.restore(str(folder.tune), trainable, resume_unfinished=True, resume_errored=True)
+    else:
+        left = [name_of(entry) for entry in entries if entry.status != "finished"]
+        tuner = tune.Tuner(
+            trainable,
+            param_space=search.space(study.search) if study.search else {"trial": tune.grid_search(left)},
+            tune_config=tune.TuneConfig(
+                num_samples=study.search.trials if study.search else 1,
+                search_alg=search.searcher(study) if study.search else None,
+                scheduler=search.scheduler(study, settings["budget"]["env_steps"]),
+                max_concurrent_trials=parallel(settings) if study.search and not pbt else None,
+                reuse_actors=True,
+            ),
+            run_config=tune.RunConfig(
+                name=folder.tune.name,
+                storage_path=str(folder.path),
+                failure_config=tune.FailureConfig(max_failures=study.retries),
+                checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=KEPT),
+                callbacks=[Board(folder.path, plan, planned, settings["budget"]["env_steps"], pbt)],
+                verbose=0,
+            ),
+        )
+    tuner.fit()
+    return folder.read()
+
+
+def resources(plan: Plan, given: Mapping[str, Any]) -> tune.PlacementGroupFactory:
+    """What one trial takes: a core for the training, each env runner and each remote learner, and the learners' GPUs.
+
+    Raises:
+        ConfigError: the trial asks for more GPUs than there are.
+    """
+    config = plan.trial(given, "").config
+    learner, runner = config["learner"], {"CPU": 1.0}
+    learning = runner | ({"GPU": 1.0} if gpus_per_learner(learner["device"], learner["count"], cluster_gpus()) else {})
+    learners = [runner, *[learning] * learner["count"]] if learner["count"] else [learning]
+    return tune.PlacementGroupFactory([*learners, *[runner] * config["runners"]["count"]])
+
+
+def parallel(settings: Mapping[str, Any]) -> int:
+    """How many trials this machine, or cluster, runs side by side."""
+    import ray
+
+    processes = 1 + settings["runners"]["count"] + settings["learner"]["count"]
+    return max(1, int(ray.cluster_resources().get("CPU", 1)) // processes)
+
+
+def champion(folder: StudyFolder, entries: list[Entry], metric: str) -> tuple[Entry | None, float]:
+    """The trial whose best policy has the highest metric, and that."""
+    scores = {}
+    for i, entry in enumerate(entries):
+        path = folder.path / entry.run / "policy.npz"
+        if entry.status in ("finished", "stopped") and path.is_file():
+            scores[i] = float(Policy.load(path).about["scores"][metric])
+    if not scores:
+        return None, float("nan")
+    best = max(scores, key=lambda i: scores[i])
+    return entries[best], scores[best]
+
+
+def register(parent: Run, study: Study, folder: StudyFolder, best: Entry, score: float) -> None:
+    """Make the best policy a version of the study's registered model, under the alias `best`."""
+    policy = folder.path / best.run / "policy.npz"
+    about = Policy.load(policy).about
+    parent.model(
+        policy,
+        name=f"freemesh-{study.name}",
+        alias="best",
+        tags={
+            "study": study.name,
+            "variant": best.label,
+            "algorithm": about["config"]["algorithm"],
+            "seed": str(best.seed),
+            study.metric: f"{score:.6g}",
+        },
+    )

@@ -1,0 +1,88 @@
+"""A search as Ray Tune's own parts: the space, the searcher and the scheduler."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ray import tune
+from ray.tune.schedulers import AsyncHyperBandScheduler, FIFOScheduler, PopulationBasedTraining, TrialScheduler
+from ray.tune.search import BasicVariantGenerator, SearchAlgorithm, Searcher
+
+from freemesh_ray.studies.definition import Search, Study
+from freemesh_ray.studies.plan import default_point
+from freemesh_ray.studies.space import Space
+
+TIME = "env_steps"
+#: A perturbation of population based training multiplies a number by one of these.
+FACTORS = (0.8, 1.25)
+
+
+def space(search: Search) -> dict[str, Any]:
+    """What Tune draws each trial's settings from."""
+    return {key: domain(choice) for key, choice in search.space.items()}
+
+
+def domain(choice: Space) -> Any:
+    """One setting's distribution."""
+    match choice.kind:
+        case "uniform":
+            return tune.uniform(*choice.values)
+        case "log":
+            return tune.loguniform(*choice.values)
+        case "choice":
+            return tune.choice(list(choice.values))
+
+
+def searcher(study: Study) -> Searcher | SearchAlgorithm:
+    """What proposes points: the study's own settings first, then by what was found."""
+    search = study.search
+    assert search is not None
+    first = [default_point(study)]
+    if search.searcher == "random" or search.scheduler == "pbt":
+        return BasicVariantGenerator(points_to_evaluate=first, random_state=study.seeds[0])
+    import optuna
+    from ray.tune.search.optuna import OptunaSearch
+
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    return OptunaSearch(points_to_evaluate=first, metric=study.metric, mode="max", seed=study.seeds[0])
+
+
+def scheduler(study: Study, budget: int) -> TrialScheduler:
+    """What stops or changes trials on their way."""
+    search = study.search
+    if search is None or search.scheduler == "none":
+        return FIFOScheduler()
+    if search.scheduler == "asha":
+        grace = min(search.grace, budget)
+        return AsyncHyperBandScheduler(
+            time_attr=TIME, metric=study.metric, mode="max", max_t=budget + 1, grace_period=grace,
+            reduction_factor=search.reduction,
+        )  # fmt: skip
+    return PopulationBasedTraining(
+        time_attr=TIME,
+        metric=study.metric,
+        mode="max",
+        perturbation_interval=search.perturbation,
+        hyperparam_mutations=mutations(search.space),
+        perturbation_factors=FACTORS,
+        custom_explore_fn=_within(search.space),
+        synch=False,
+    )
+
+
+def mutations(spaces: Mapping[str, Space]) -> dict[str, Any]:
+    """What population based training draws a setting from when it does not perturb it."""
+    return {key: list(choice.values) if choice.kind == "choice" else domain(choice) for key, choice in spaces.items()}
+
+
+def _within(spaces: Mapping[str, Space]) -> Any:
+    """A perturbation can leave the space: back to its ends."""
+
+    def explore(given: dict[str, Any]) -> dict[str, Any]:
+        for key, choice in spaces.items():
+            if choice.kind != "choice":
+                given[key] = choice.nearest(given[key])
+        return given
+
+    return explore

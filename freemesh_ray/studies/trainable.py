@@ -1,0 +1,153 @@
+"""One trial as Ray Tune runs it: a training, evaluation by evaluation, with checkpoints that Tune keeps."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ray import tune
+
+from freemesh_ray.training import checkpoint
+from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.config import dump, flatten
+from freemesh_ray.training.run_folder import RunFolder
+from freemesh_ray.studies.plan import Plan, Trial
+from freemesh_ray.tracking import Run
+from freemesh_ray.training.job import deliver, tags
+from freemesh_ray.training.loop import Algorithm, Training
+
+#: What says that a run folder's training came to its end, with its last figures; written last of all.
+FINISHED = "finished.json"
+
+
+def finished(folder: RunFolder) -> dict[str, Any] | None:
+    """The last figures of a run folder whose training came to its end; None of any other, or where they are damaged."""
+    try:
+        figures = json.loads((folder.path / FINISHED).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return figures if isinstance(figures, dict) else None
+
+
+class TrialRun(tune.Trainable):
+    """A training whose step is the way to its next evaluation."""
+
+    def setup(
+        self,
+        config: Mapping[str, Any],
+        plan: Plan | None = None,
+        make: Callable[[Mapping[str, Any]], Algorithm] | None = None,
+        study: str = "",
+        parent: str | None = None,
+    ) -> None:
+        """Begin a trial.
+
+        Args:
+            config: as Tune drew it.
+            plan: what makes a trial of it.
+            make: the algorithm's factory.
+            study: its name, for the tracking store.
+            parent: id of the study's run in the tracking store.
+        """
+        assert plan is not None, "Tune gives it"
+        assert make is not None
+        _quiet()
+        self._about = (plan, make, study, parent)
+        self._begin(plan.trial(config, self.trial_id))
+
+    def reset_config(self, new_config: Mapping[str, Any]) -> bool:
+        """Begin another trial in this process: what is imported and compiled stays."""
+        self._end()
+        plan = self._about[0]
+        self._begin(plan.trial(new_config, self.trial_id))
+        return True
+
+    def _begin(self, trial: Trial) -> None:
+        _, make, study, parent = self._about
+        self._training: Training | None = None
+        self._run: Run | None = None
+        self._figures = finished(trial.folder)
+        if self._figures is not None:  # its end was not yet in Tune's record when that was written last
+            return
+        trial.folder.path.mkdir(parents=True, exist_ok=True)
+        tracking = trial.config["tracking"]
+        self._run = Run(
+            trial.folder.path,
+            uri=tracking["uri"],
+            experiment=tracking["experiment"],
+            name=trial.name,
+            params=flatten(trial.config),
+            tags={**tags(trial.config), "study": study, "variant": trial.label},
+            parent=parent,
+            resume=True,
+            enabled=tracking["enabled"],
+        )
+        algorithm = make(trial.config)
+        self._training = Training(algorithm, trial.config, trial.folder, self._run)
+        with replacing(trial.folder.config) as draft:
+            draft.write_text(dump(trial.config))
+        self._run.artifact(trial.folder.config)
+        self._drawn = {f"setting/{key}": value for key, value in trial.drawn.items() if isinstance(value, int | float)}
+
+    def step(self) -> dict[str, Any]:
+        """Train to the next evaluation; at the budget's end leave what `train` leaves."""
+        if self._training is None:
+            assert self._figures is not None
+            return {**self._figures, "done": True}
+        assert self._run is not None
+        training = self._training
+        if training.progress.env_steps == 0:  # not one that goes on from a checkpoint
+            training.folder.forget_after(-1)
+        try:
+            figures: dict[str, Any] = training.to_next_evaluation()
+            # Population based training changes settings on the way, which parameters cannot tell.
+            self._run.metrics(self._drawn, step=training.progress.env_steps)
+            figures |= {key: getattr(training.progress, key) for key in ("env_steps", "updates", "seconds")}
+            if training.done():
+                deliver(training)
+                with replacing(training.folder.path / FINISHED) as draft:
+                    draft.write_text(json.dumps(figures))
+                self._run.close()
+        except Exception:
+            self._run.close("FAILED")
+            raise
+        return {**figures, "done": training.done()}
+
+    def save_checkpoint(self, checkpoint_dir: str) -> str:
+        """Algorithm, replay buffer and progress."""
+        if self._training is not None:
+            checkpoint.write(self._training.algorithm, vars(self._training.progress).copy(), Path(checkpoint_dir))
+        else:
+            (Path(checkpoint_dir) / FINISHED).touch()
+        return checkpoint_dir
+
+    def load_checkpoint(self, checkpoint_dir: str) -> None:
+        """Go on from what `save_checkpoint` wrote, of this trial or of another."""
+        if self._training is not None and (Path(checkpoint_dir) / checkpoint.PROGRESS).is_file():
+            self._training.restore(Path(checkpoint_dir))
+
+    def cleanup(self) -> None:
+        """End what the trial started."""
+        self._end()
+
+    def _end(self) -> None:
+        if self._training is not None:
+            self._training.algorithm.stop()
+        if self._run is not None:
+            self._run.close()
+        self._training = self._run = None
+
+
+def _quiet() -> None:
+    """What Ray says in a trial's process is kept to what matters, and every process to one thread."""
+    import torch
+
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    torch.set_num_threads(1)
+    for name in ("ray", "ray.rllib", "ray.tune"):
+        logging.getLogger(name).setLevel(logging.ERROR)

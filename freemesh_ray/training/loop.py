@@ -1,0 +1,354 @@
+"""The training loop: iterate, evaluate, checkpoint, keep the best policy.
+
+It is given an algorithm and a place for its metrics, so that a test can hand it fakes.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from envs.domains.load import source
+from freemesh_ray.config import meshing_parameters
+from freemesh_ray.policies.evaluation import KINDS
+from freemesh_ray.policies.policy import Policy
+from freemesh_ray.storage.atomic import OutputError
+from freemesh_ray.tracking import Run
+from freemesh_ray.tracking.provenance import provenance
+from freemesh_ray.training import checkpoint
+from freemesh_ray.training.run_folder import RunFolder
+
+#: Episodes that the running figures of the progress line are means of.
+RECENT = 50
+#: What is tracked of a learner's figures, where it has them: those of sac, td3 and ddpg, and those of ppo.
+FIGURES = (
+    "critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean",
+    "policy_loss", "vf_loss", "vf_explained_var", "entropy",
+)  # fmt: skip
+
+
+class Algorithm(Protocol):
+    """What the loop needs of a learning algorithm."""
+
+    env_steps: int
+    updates: int
+    curriculum: Any
+    finished: list[Any]
+    incidents: list[str]
+
+    def train(self) -> dict[str, Any]:
+        """One iteration; a result tree as RLlib's."""
+
+    def evaluate(self) -> dict[str, Any]:
+        """Figures by kind (deterministic, stochastic) and domain."""
+
+    def actor_weights(self) -> list[tuple[Any, Any]]:
+        """Layers of the policy network."""
+
+    def critic_weights(self) -> list[tuple[Any, Any]]:
+        """Layers of the critics, side by side."""
+
+    def get_state(self) -> dict[str, Any]:
+        """All that it is, for a checkpoint."""
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint's."""
+
+    def reseed(self, seed: int) -> None:
+        """Draw other random numbers from here on."""
+
+    def stop(self) -> None:
+        """End its processes."""
+
+
+@dataclass
+class Progress:
+    """Where a training stands; saved in every checkpoint.
+
+    Attributes:
+        env_steps, updates: so far.
+        seconds: wall clock of training, evaluation and checkpoints, over all its starts.
+        evaluated_at: env steps at the last evaluation.
+        best: score of the best policy (completion rate, return), None before the first evaluation.
+        best_steps: env steps of the best policy.
+    """
+
+    env_steps: int = 0
+    updates: int = 0
+    seconds: float = 0.0
+    evaluated_at: int = 0
+    best: list[float] | None = None
+    best_steps: int = 0
+
+
+@dataclass(frozen=True)
+class Status:
+    """One progress line's figures.
+
+    Attributes:
+        stage: name of the current domain.
+        env_steps, budget_steps: taken, and to take.
+        mean_return, completion_rate: over the last episodes; nan before there is one.
+        updates_per_second: since the last line.
+        seconds_left: estimate of the rest.
+    """
+
+    stage: str
+    env_steps: int
+    budget_steps: int
+    mean_return: float
+    completion_rate: float
+    updates_per_second: float
+    seconds_left: float
+
+
+@dataclass
+class Training:
+    """The loop over one algorithm.
+
+    Attributes:
+        algorithm: trained in place.
+        config: the resolved tree.
+        folder: where the run's files lie.
+        run: where metrics go.
+        report: called with a Status after every iteration.
+        note: called with a line of text at milestones.
+        interrupted: asked after every iteration; when it says so, a checkpoint is saved and KeyboardInterrupt raised.
+    """
+
+    algorithm: Algorithm
+    config: Mapping[str, Any]
+    folder: RunFolder
+    run: Run
+    report: Callable[[Status], None] = lambda status: None
+    note: Callable[[str], None] = lambda line: None
+    interrupted: Callable[[], bool] = lambda: False
+    progress: Progress = field(default_factory=Progress)
+
+    def __post_init__(self) -> None:
+        self._recent: deque[Any] = deque(maxlen=RECENT)
+        self._stages = [source(stage).name for stage in self.config["curriculum"]["stages"]]
+        self._saved_at = self._tried_at = -1
+        self._clock = time.monotonic()
+
+    def resume(self) -> bool:
+        """Go on from the newest checkpoint that can be read, if there is one; damaged ones are set aside.
+
+        Raises:
+            CheckpointError: there are checkpoints, and none can be read, or the newest is of another training.
+        """
+        damaged = None
+        for path in checkpoint.found(self.folder.checkpoints):
+            try:
+                read = checkpoint.read(path)
+            except checkpoint.CheckpointError as error:
+                self.note(f"{error}; set aside as {checkpoint.set_aside(path).name}, going back to the one before")
+                damaged = error
+                continue
+            self._take_over(path, *read)
+            self.note(f"going on from {path} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
+            return True
+        self.folder.forget_after(-1)
+        if damaged:
+            raise checkpoint.CheckpointError(f"{damaged}; there is no older one: begin anew without --resume")
+        return False
+
+    def restore(self, path: Path) -> None:
+        """Go on from the checkpoint in folder ``path``.
+
+        Raises:
+            CheckpointError: it cannot be read.
+        """
+        self._take_over(path, *checkpoint.read(path))
+
+    def _take_over(self, path: Path, state: dict[str, Any], progress: dict[str, Any]) -> None:
+        checkpoint.hand_over(self.algorithm, state, path)
+        try:
+            self.progress = Progress(**progress)
+        except TypeError as error:
+            raise checkpoint.CheckpointError(f"{path}: not a checkpoint of this version ({error})") from error
+        self.folder.forget_after(self.progress.env_steps)
+        self._saved_at = self._tried_at = self.progress.env_steps
+
+    def save(self) -> Path:
+        """Write a checkpoint of this moment, unless there is one.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        if self._saved_at == self.progress.env_steps:
+            return checkpoint.found(self.folder.checkpoints)[0]
+        self._tick()
+        self._tried_at = self.progress.env_steps
+        keep = self.config["checkpoint"]["keep"]
+        try:
+            path = checkpoint.save(self.algorithm, vars(self.progress).copy(), self.folder.checkpoints, keep)
+        except OSError as error:
+            where = self.folder.checkpoints
+            raise OutputError(
+                f"{where}: no checkpoint at {self._tried_at:,} steps ({error.strerror or error})"
+            ) from error
+        self._saved_at = self.progress.env_steps
+        return path
+
+    def done(self) -> bool:
+        """Whether the budget is spent."""
+        budget = self.config["budget"]
+        out_of_time = budget["minutes"] is not None and self.progress.seconds >= 60 * budget["minutes"]
+        return out_of_time or self.progress.env_steps >= budget["env_steps"]
+
+    def loop(self) -> None:
+        """Train until the budget is spent; evaluate and checkpoint on the way and at the end.
+
+        A checkpoint that cannot be written, on a full disk, is tried again an interval later; only the last must be.
+
+        Raises:
+            KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
+            Exception: whatever the algorithm raised; everything up to the last checkpoint is in it.
+            OutputError: the last checkpoint, or the best policy, cannot be written.
+        """
+        self._clock = time.monotonic()
+        progress = self.progress
+        while not self.done():
+            self._iterate()
+            if self._evaluation_due():
+                self.evaluate()
+            if self.interrupted():
+                path = self.save()
+                self.note(f"interrupted at {progress.env_steps:,} steps; saved {path}: --resume goes on from it")
+                raise KeyboardInterrupt
+            if progress.env_steps - max(0, self._tried_at) >= self.config["checkpoint"]["interval"]:
+                try:
+                    self.save()
+                except OutputError as error:
+                    self.note(f"{error}; training goes on, the next is tried later")
+        if progress.evaluated_at < progress.env_steps:
+            self.evaluate()
+        self.save()
+
+    def to_next_evaluation(self) -> dict[str, float]:
+        """Train until the next evaluation is due or the budget is spent, and evaluate.
+
+        Returns:
+            The evaluation's figures; none when the budget was spent before.
+        """
+        self._clock = time.monotonic()
+        values: dict[str, float] = {}
+        while not self.done() and not values:
+            self._iterate()
+            if self._evaluation_due() or self.done():
+                values = self.evaluate()
+        self._tick()
+        return values
+
+    def _evaluation_due(self) -> bool:
+        interval = self.config["evaluation"]["interval"]
+        return self.progress.env_steps // interval > self.progress.evaluated_at // interval
+
+    def _tick(self) -> None:
+        """Add the time since the last tick to the training's."""
+        now = time.monotonic()
+        self.progress.seconds += now - self._clock
+        self._clock = now
+
+    def _iterate(self) -> None:
+        began, updates = time.monotonic(), self.algorithm.updates
+        stage = self.algorithm.curriculum.name
+        results = self.algorithm.train()
+        took = time.monotonic() - began
+        progress = self.progress
+        progress.env_steps, progress.updates = self.algorithm.env_steps, self.algorithm.updates
+        self._tick()
+        for incident in self.algorithm.incidents:
+            self.note(incident)
+        self.algorithm.incidents.clear()
+        self._recent.extend(self.algorithm.finished)
+        self._track(results, took, progress.updates - updates)
+        self.algorithm.finished.clear()
+        if self.algorithm.curriculum.name != stage:
+            self.note(f"stage {stage} -> {self.algorithm.curriculum.name} at {progress.env_steps:,} steps")
+        self.report(self._status((progress.updates - updates) / took))
+
+    def _status(self, updates_per_second: float) -> Status:
+        budget, progress = self.config["budget"], self.progress
+        share = progress.env_steps / budget["env_steps"]
+        left = progress.seconds * (1 / share - 1) if share else float("inf")
+        if budget["minutes"] is not None:
+            left = min(left, 60 * budget["minutes"] - progress.seconds)
+        recent = self._recent
+        return Status(
+            stage=self.algorithm.curriculum.name,
+            env_steps=progress.env_steps,
+            budget_steps=budget["env_steps"],
+            mean_return=float(np.mean([e.episode_return for e in recent])) if recent else float("nan"),
+            completion_rate=float(np.mean([e.completed for e in recent])) if recent else float("nan"),
+            updates_per_second=updates_per_second,
+            seconds_left=max(0.0, left),
+        )
+
+    def _track(self, results: dict[str, Any], took: float, updates: int) -> None:
+        values: dict[str, float] = {
+            "train/stage": self.algorithm.curriculum.stage,
+            "train/updates": self.progress.updates,
+            "train/seconds": self.progress.seconds,
+            "train/updates_per_second": updates / took,
+        }
+        ended = self.algorithm.finished
+        if ended:
+            values |= {
+                "train/return": float(np.mean([e.episode_return for e in ended])),
+                "train/completion_rate": float(np.mean([e.completed for e in ended])),
+                "train/episode_length": float(np.mean([e.length for e in ended])),
+                "train/elements": float(np.mean([e.elements for e in ended])),
+                "train/element_quality": float(np.mean([e.mean_eta for e in ended])),
+            }
+        learner = results.get("learners", {}).get("default_policy", {})
+        for name in FIGURES:
+            if name in learner:
+                values[f"learner/{name}"] = float(learner[name])
+        self.run.metrics(values, step=self.progress.env_steps)
+
+    def policy(self, **about: Any) -> Policy:
+        """The policy as it is now."""
+        layers = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.actor_weights()]
+        critic = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.critic_weights()]
+        told = {**provenance(), "config": dict(self.config), **about}
+        return Policy(layers, meshing_parameters(self.config), told, critic)
+
+    def evaluate(self) -> dict[str, float]:
+        """Ten episodes (``evaluation.episodes``) on every stage, deterministic and stochastic; keep the best policy.
+
+        The best is the one that completes most, over all stages and deterministically, and of those the one with the
+        highest return.
+        """
+        found = self.algorithm.evaluate()
+        values: dict[str, float] = {}
+        for kind in KINDS:
+            figures = [found[kind][stage] for stage in self._stages]
+            for stage, means in zip(self._stages, figures, strict=True):
+                values |= {f"eval_{kind}/{stage}/{name}": value for name, value in means.items()}
+            for name in figures[0]:
+                values[f"eval_{kind}/{name}"] = float(np.mean([means[name] for means in figures]))
+        self.progress.evaluated_at = self.progress.env_steps
+        self.run.metrics(values, step=self.progress.env_steps)
+        self._append({"env_steps": self.progress.env_steps, "seconds": round(self.progress.seconds, 1), **values})
+        score = [values["eval_deterministic/completion_rate"], values["eval_deterministic/return"]]
+        if self.progress.best is None or score >= self.progress.best:
+            self.progress.best, self.progress.best_steps = score, self.progress.env_steps
+            self.policy(env_steps=self.progress.env_steps, scores=values).save(self.folder.policy)
+        return values
+
+    def _append(self, row: dict[str, Any]) -> None:
+        path = self.folder.evaluations
+        try:
+            with open(path, "a") as file:
+                file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written ({error.strerror}): make room, then --resume") from error

@@ -1,0 +1,115 @@
+"""The folder of a run: where its parts lie.
+
+runs/NAME/config.yaml            the resolved configuration
+          evaluations.jsonl      one line an evaluation
+          checkpoints/step_...   to go on from
+          policy.npz             the best policy
+          learning_curve.png
+          meshes/                every stage meshed with it
+          tracking/              the tracking journal
+          failures.log           what went wrong and was recovered from
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.training import checkpoint
+
+
+class RunError(RuntimeError):
+    """A run that cannot begin or go on; one line with its folder, what is wrong and the fix."""
+
+
+class TrainingError(RuntimeError):
+    """A run that fails again and again; one line with its folder, the last reason and where it can go on."""
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths below one run's folder.
+
+    Attributes:
+        path: the folder; it need not exist.
+    """
+
+    path: Path
+
+    @property
+    def config(self) -> Path:
+        """The resolved configuration."""
+        return self.path / "config.yaml"
+
+    @property
+    def evaluations(self) -> Path:
+        """JSON lines, one an evaluation."""
+        return self.path / "evaluations.jsonl"
+
+    @property
+    def failures(self) -> Path:
+        """Tracebacks of what the training recovered from, or did not."""
+        return self.path / "failures.log"
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the checkpoints."""
+        return self.path / "checkpoints"
+
+    @property
+    def policy(self) -> Path:
+        """The best policy so far."""
+        return self.path / "policy.npz"
+
+    @property
+    def curve(self) -> Path:
+        """Picture of the evaluation returns."""
+        return self.path / "learning_curve.png"
+
+    @property
+    def meshes(self) -> Path:
+        """Folder of the stages' meshes."""
+        return self.path / "meshes"
+
+    def claim(self, resume: bool) -> None:
+        """Make the folder for a run.
+
+        Raises:
+            RunError: it has checkpoints and ``resume`` is false, or it cannot be made.
+        """
+        started = bool(checkpoint.found(self.checkpoints))
+        if started and not resume:
+            raise RunError(
+                f"{self.path} already holds a run: add --resume to go on, or --set name=OTHER to begin another"
+            )
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunError(
+                f"{self.path}: cannot be made ({error.strerror}): set paths.runs to another place"
+            ) from error
+        if not os.access(self.path, os.W_OK):
+            raise RunError(f"{self.path}: cannot be written to: set paths.runs to another place")
+        if not started:
+            self.forget_after(-1)
+
+    def forget_after(self, env_steps: int) -> None:
+        """Drop the evaluations later than ``env_steps``: a run that goes on from there will make them again."""
+        if self.evaluations.is_file():
+            text = self.evaluations.read_text(encoding="utf-8", errors="replace")
+            kept = [line for line in text.splitlines() if evaluated_at(line) <= env_steps]
+            with replacing(self.evaluations) as draft:
+                draft.write_text("".join(f"{line}\n" for line in kept))
+
+
+def evaluated_at(line: str) -> float:
+    """The env steps of one line of evaluations; infinite for a damaged one, as a kill leaves it."""
+    try:
+        steps = float(json.loads(line)["env_steps"])
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return math.inf
+    return steps if steps >= 0 else math.inf

@@ -1,0 +1,150 @@
+"""What the training loop asks of every algorithm: rounds, a curriculum, policies to export, checkpoints that go on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
+
+from freemesh_ray import config
+from freemesh_ray.algorithms.build import ALGORITHMS, build
+from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
+from freemesh_ray.local_ray import local_ray
+from freemesh_ray.policies.policy import Policy
+from freemesh_ray.training import checkpoint
+
+SETTINGS = [
+    "runners.count=0", "runners.envs_per_runner=4", "learner.hidden=[16, 16]", "learner.batch_size=32",
+    "learner.warmup_steps=100", "learner.updates_per_step=0.1", "ppo.rollout_steps=128", "ppo.epochs=2",
+    "curriculum.stages=[T1, T2]", "curriculum.max_stage_steps=300", "evaluation.episodes=2",
+]  # fmt: skip
+ON_POLICY = ("ppo",)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ray() -> Iterator[None]:
+    with local_ray(3):
+        yield
+
+
+def make(name: str, *sets: str) -> MeshAlgorithm:
+    return build(config.load(["train_smoke"], [*SETTINGS, f"algorithm={name}", *sets]))
+
+
+def rounds(algorithm: MeshAlgorithm, steps: int) -> None:
+    until = algorithm.env_steps + steps
+    while algorithm.env_steps < until:
+        algorithm.training_step()
+
+
+def learner_state(algorithm: MeshAlgorithm) -> dict[str, Any]:
+    return algorithm.learner_group.get_state()["learner"]
+
+
+def weights(algorithm: MeshAlgorithm) -> dict[str, np.ndarray]:
+    return learner_state(algorithm)["rl_module"][DEFAULT_POLICY_ID]
+
+
+def test_every_word_of_the_configuration_is_an_algorithm() -> None:
+    assert tuple(ALGORITHMS) == config.SCHEMA["algorithm"].words
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_rounds_train_and_count(name: str) -> None:
+    algorithm = make(name)
+    before = weights(algorithm)
+    while not algorithm.updates or algorithm.curriculum.stage == 0:
+        results = algorithm.train()
+    assert algorithm.env_steps > 300
+    assert results["env_runners"]["num_env_steps_sampled_lifetime"] == algorithm.env_steps
+    assert {"critic_loss", "actor_loss"} <= set(results["learners"][DEFAULT_POLICY_ID]) or name in ON_POLICY
+    assert any(not np.array_equal(before[key], value) for key, value in weights(algorithm).items())
+    assert all(np.isfinite(value).all() for value in weights(algorithm).values())
+    assert sum(episode.length for episode in algorithm.finished) <= algorithm.env_steps
+    assert {episode.domain for episode in algorithm.finished} <= {"T1", "T2"}
+    acting = algorithm.env_runner.module.get_state()
+    for key, value in acting.items():
+        np.testing.assert_array_equal(value, weights(algorithm)[key], err_msg=key)
+    algorithm.stop()
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_what_is_exported_acts_as_the_module_does(name: str) -> None:
+    algorithm = make(name)
+    rounds(algorithm, 300)
+    module = algorithm.learner_group._learner.module[DEFAULT_POLICY_ID]
+    settings = config.load(["train_smoke"], SETTINGS)
+    policy = Policy(algorithm.actor_weights(), config.meshing_parameters(settings), {}, algorithm.critic_weights())
+    obs = np.random.default_rng(0).standard_normal((50, 15)).astype(np.float32)
+    with torch.no_grad():
+        expected = module.actor(torch.from_numpy(obs))[:, :3].tanh().numpy()
+    np.testing.assert_allclose(policy.act(obs, False, np.random.default_rng(0)), expected, atol=1e-5)
+    assert [weight.shape[0] for weight, _ in policy.critic[:1]] == {"sac": [2], "td3": [2], "ddpg": [1], "ppo": []}[
+        name
+    ]
+    found = algorithm.evaluate()
+    assert set(found) == {"deterministic", "stochastic"}
+    assert all(np.isfinite(list(figures.values())).all() for kind in found.values() for figures in kind.values())
+    algorithm.stop()
+
+
+@pytest.mark.parametrize("name", ["td3", "ddpg"])
+def test_the_export_explores_as_the_training_does_in_the_middle(name: str) -> None:
+    algorithm = make(name, f"{name}.exploration_noise=0.05")
+    *hidden, (weight, bias) = algorithm.actor_weights()
+    policy = Policy(
+        [*hidden, (weight * 0, np.where(np.arange(6) < 3, 0, bias))],
+        config.meshing_parameters(config.load()),
+    )
+    drawn = policy.act(np.zeros((20_000, 15), dtype=np.float32), True, np.random.default_rng(0))
+    assert drawn.std() == pytest.approx(0.05, rel=0.03)
+    algorithm.stop()
+
+
+@pytest.mark.parametrize("name", [name for name in ALGORITHMS if name not in ON_POLICY])
+def test_a_restored_training_goes_on_as_the_original(name: str, tmp_path: Path) -> None:
+    """Bit for bit: networks, optimizers, experience, curriculum, episodes in flight, random states."""
+    original = make(name)
+    rounds(original, 450)
+    checkpoint.write(original, {}, tmp_path / "checkpoint")
+    restored = make(name, "seed=99")
+    checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
+    for algorithm in (original, restored):
+        rounds(algorithm, 300)
+    assert restored.updates == original.updates > 0
+    assert restored.curriculum == original.curriculum
+    assert restored.finished == original.finished
+    ours, theirs = weights(restored), weights(original)
+    for key in theirs:
+        np.testing.assert_array_equal(ours[key], theirs[key], err_msg=key)
+    for algorithm in (original, restored):
+        algorithm.stop()
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_a_restored_training_learns_at_the_rate_of_its_configuration(name: str, tmp_path: Path) -> None:
+    original = make(name)
+    rounds(original, 300)
+    checkpoint.write(original, {}, tmp_path / "checkpoint")
+    restored = make(name, "learner.learning_rate=1e-9")
+    checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
+    for key, value in weights(original).items():
+        np.testing.assert_array_equal(weights(restored)[key], value, err_msg=key)
+    assert (restored.env_steps, restored.updates) == (original.env_steps, original.updates)
+    assert restored.curriculum == original.curriculum
+    for algorithm in (original, restored):
+        rounds(algorithm, 150)
+        assert algorithm.updates > 0
+    drift = {key: np.abs(weights(restored)[key] - value).max() for key, value in weights(original).items()}
+    checkpoint.hand_over(original, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
+    for key, value in weights(original).items():
+        if not key.startswith("target"):
+            np.testing.assert_allclose(weights(restored)[key], value, rtol=0, atol=1e-6, err_msg=key)
+    assert max(drift.values()) > 1e-5
+    for algorithm in (original, restored):
+        algorithm.stop()

@@ -1,0 +1,183 @@
+"""The command as a stranger meets it: help, tables, bad input in one line with exit code 2 and nothing written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.types import MeshingParameters
+from freemesh_ray.cli import command as cli
+from freemesh_ray.mesher import MeshingError, api
+from freemesh_ray.policies.policy import Policy
+
+SQUARE = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def policy(folder: Path) -> str:
+    """Draws nearly uniform actions: enough for a square of eight vertices."""
+    bias = np.array([0, 0, 0, 0.3, 0.3, 0.3], dtype=np.float32)
+    Policy([(np.zeros((15, 6), dtype=np.float32), bias)], MeshingParameters()).save(folder / "policy.npz")
+    return "policy.npz"
+
+
+def polygon(ring: list, name: str = "part.geojson") -> str:
+    Path(name).write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}))
+    return name
+
+
+def refused(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
+    """Run; expect exit code 2, one line on stderr, nothing on stdout, and no new file."""
+    before = sorted(folder.rglob("*"))
+    try:
+        code = cli.main(arguments)
+    except SystemExit as exit_:
+        code = exit_.code
+    out, err = capsys.readouterr()
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1, err
+    assert "Traceback" not in err
+    assert sorted(folder.rglob("*")) == before
+    return err
+
+
+def test_mesh_writes_every_format(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
+    outputs = ["a.inp", "a.msh", "a.vtu", "a.png", "a.svg"]
+    arguments = [part for output in outputs for part in ("-o", output)]
+    assert cli.main(["mesh", polygon(SQUARE), *arguments, "--policy", policy]) == 0
+    assert all(Path(output).stat().st_size > 0 for output in outputs)
+    line = capsys.readouterr().out
+    assert line.startswith("part: ")
+    assert "quads" in line
+
+
+@pytest.mark.parametrize(
+    ("ring", "words"),
+    [
+        (SQUARE[:7], "odd"),
+        ([[0, 0], [2, 2], [2, 0], [0, 2]], "cross"),
+        ([[0, 0], [1, 0], [2, 0], [3, 0]], "area"),
+        ([[0, 0], [1, 0], [1, 0], [1, 1]], "repeat"),
+        ([[0, 0], [1, 0], [1, float("nan")], [0, 1]], "finite"),
+        ([[0, 0], [1, 0]], "vert"),
+    ],
+)
+def test_bad_polygons(ring: list, words: str, policy: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = polygon(ring)
+    err = refused(capsys, folder, "mesh", path, "-o", "out.vtu", "--policy", policy)
+    assert path in err
+    assert words in err.lower()
+
+
+def test_an_odd_ring_is_mended_on_request(policy: str) -> None:
+    assert cli.main(["mesh", polygon(SQUARE[:7]), "-o", "out.vtu", "--policy", policy, "--fix-parity"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["mesh", "nowhere.geojson", "-o", "o.vtu", "--policy", "policy.npz"], "nowhere.geojson"),
+        (["mesh", "T11", "-o", "o.vtu", "--policy", "policy.npz"], "T1"),
+        (["mesh", "T1", "-o", "o.stl", "--policy", "policy.npz"], ".inp"),
+        (["mesh", "T1", "-o", "o.vtu", "--policy", "none.npz"], "none.npz"),
+        (["mesh", "T1"], "-o"),
+        (["train", "--config", "missing.yaml"], "missing.yaml"),
+        (["train", "--set", "learner.gama=0.9"], "learner.gamma"),
+        (["train", "--set", "learner.gamma=2"], "[0, 1]"),
+        (["train", "--set", "curriculum.stages=[T9]"], "T9"),
+        (["train", "--set", "curriculum.stages=[T1, t1]"], "T1"),
+        (["train", "--set", "paths.runs=/proc/none"], "/proc/none"),
+        (["train", "--set", "tracking.uri=nonsense"], "sqlite:///"),
+        (["mesh", "T1", "-o", "/proc/none/x.png", "--policy", "policy.npz"], "/proc"),
+        (["mesh", "T1", "-o", "good.vtu", "-o", "/proc/none/x.vtu", "--policy", "policy.npz"], "/proc"),
+        (["mesh", "T1", "-o", "o.vtu", "--best-of", "0"], "[1, 1000]"),
+        (["mesh", "T1", "-o", "o.vtu", "--edge-length", "-1"], "above 0"),
+        (["mesh", "T1", "-o", "o.msh", "--msh-version", "3"], "2.2"),
+        (["mesh", "T1", "-o", "o.vtu", "--seed", "x"], "whole number"),
+        (["mesh", "a" * 300, "-o", "o.vtu", "--policy", "policy.npz"], "catalogue"),
+        (["mesh", "T1", "-o", "o.vtu", "--policy", "a" * 300], "policy"),
+        (["bench", "--seconds", "nan"], "seconds"),
+        (["trian"], "train"),
+        (["bench", "--part", "nothing"], "--part"),
+    ],
+)
+def test_bad_arguments(
+    arguments: list[str], words: str, policy: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert words in refused(capsys, folder, *arguments)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1, 2", "POLYGON ((", '{"type": "Point", "coordinates": [0, 0]}'])
+def test_empty_and_wrong_files(content: str, policy: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("part.json").write_text(content)
+    assert "part.json" in refused(capsys, folder, "mesh", "part.json", "-o", "o.vtu", "--policy", policy)
+
+
+def test_a_mesh_that_cannot_be_is_no_bad_input(
+    policy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object, **options: object) -> None:
+        raise MeshingError("T3: too thin")
+
+    monkeypatch.setattr(api, "make", refuse)
+    assert cli.main(["mesh", "T3", "-o", "o.vtu", "--policy", policy]) == 1
+    assert capsys.readouterr().err == "freemesh: T3: too thin\n"
+    assert not Path("o.vtu").exists()
+
+
+def test_the_shipped_policy_meshes_a_bare_outline(capsys: pytest.CaptureFixture[str]) -> None:
+    path = polygon([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]])
+    outputs = ["a.inp", "a.html", "a.png"]
+    arguments = [part for output in outputs for part in ("-o", output)]
+    assert cli.main(["mesh", path, "--edge-length", "0.21", "--grading", "1.5", *arguments]) == 0
+    assert all(Path(output).stat().st_size > 0 for output in outputs)
+    assert "irregular nodes -> a.inp, a.html, a.png" in capsys.readouterr().out
+
+
+def test_a_coarse_outline_is_told_what_helps(capsys: pytest.CaptureFixture[str]) -> None:
+    path = polygon([[0, 0], [40, 0], [40, 10], [30, 10], [30, 25], [0, 25]])
+    assert cli.main(["mesh", path, "-o", "o.obj"]) == 0
+    assert "6 boundary segments are coarse or uneven; --edge-length" in capsys.readouterr().err
+    assert cli.main(["mesh", path, "-o", "o.obj", "--edge-length", "2"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_every_polygon_of_a_file_gets_its_own_mesh(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
+    rings = [[[x + dx, y] for x, y in [*SQUARE, SQUARE[0]]] for dx in (0, 5)]
+    Path("two.geojson").write_text(json.dumps({"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}))
+    assert cli.main(["mesh", "two.geojson", "-o", "out.msh", "--policy", policy]) == 0
+    assert sorted(path.name for path in Path().glob("*.msh")) == ["out-0.msh", "out-1.msh"]
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["two[0]", "two[1]"]
+
+
+def test_domains_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["domains"]) == 0
+    out = capsys.readouterr().out
+    for name in ("T1", "T2", "T3", *(f"D{i}" for i in range(1, 10))):
+        assert f"\n{name} " in out
+
+
+@pytest.mark.parametrize("command", [[], ["train"], ["mesh"], ["domains"], ["bench"]])
+def test_help_teaches(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        cli.main([*command, "--help"])
+    assert exit_.value.code == 0
+    assert "freemesh" in capsys.readouterr().out
+
+
+def test_the_module_is_the_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "freemesh_ray", "domains"], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "T1" in done.stdout

@@ -1,0 +1,372 @@
+"""Exported files: read back by other readers they are the same mesh, bit for bit where the format allows."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from envs.mesh import Mesh, sides
+from envs.polygons.rings import LARGEST_COORDINATE
+from envs.quality import element_quality
+from freemesh_ray.export import SUFFIXES, write
+from freemesh_ray.export.finite_elements import finite_elements
+from freemesh_ray.export.nastran import parsed, real
+from freemesh_ray.storage.atomic import OutputError
+
+FORMATS = [("mesh.vtu", "4.1"), ("mesh.msh", "4.1"), ("mesh.msh", "2.2"), ("mesh.inp", "4.1"), ("mesh.obj", "4.1")]
+ALL = [*FORMATS, ("mesh.bdf", "4.1")]
+#: Formats that have quadratic elements.
+QUADRATIC = [form for form in ALL if form[0] != "mesh.obj"]
+
+
+def grid(
+    columns: int = 3, rows: int = 2, scale: float = 1.0, shift: float = 0.0, without: tuple[int, ...] = ()
+) -> Mesh:
+    """A distorted grid whose coordinates have no short decimals; elements left out make holes."""
+    x, y = np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0))
+    vertices = np.column_stack([x.ravel(), y.ravel()])
+    vertices = (vertices + np.random.default_rng(3).uniform(-0.2, 0.2, vertices.shape)) * scale + shift
+    i = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    quads = np.delete(np.column_stack([i, i + 1, i + columns + 2, i + columns + 1]), without, axis=0)
+    walked = sides(quads).reshape(-1, 2)
+    back = {tuple(side) for side in walked[:, ::-1].tolist()}
+    segments = np.array([side for side in walked.tolist() if tuple(side) not in back])
+    return Mesh("grid", vertices, quads, segments, True)
+
+
+def holed() -> Mesh:
+    """A grid with two holes, one element and three."""
+    return grid(6, 6, without=(8, 20, 21, 22))
+
+
+def read(path: Path) -> meshio.Mesh:
+    if path.suffix == ".msh":
+        return meshio.read(path, file_format="gmsh")
+    if path.suffix == ".inp":  # meshio knows the plane strain elements only by other elements of the same nodes
+        path.write_text(path.read_text().replace("CPE4", "CPS4").replace("CPE8", "S8R"))
+    return meshio.read(path, file_format={".bdf": "nastran", ".inp": "abaqus"}.get(path.suffix))
+
+
+def cards(deck: str) -> dict[str, list[str]]:
+    """Keyword lines of an Abaqus deck -> their data lines."""
+    found = [card.splitlines() for card in re.split(r"^(?=\*)", deck, flags=re.M)[1:]]
+    return {card[0]: card[1:] for card in found}
+
+
+def numbers(lines: list[str]) -> list[int]:
+    return [int(number) for number in ", ".join(lines).split(", ")]
+
+
+def edge_set(pairs: np.ndarray) -> set[frozenset[int]]:
+    return {frozenset(pair) for pair in np.asarray(pairs)[:, :2].tolist()}
+
+
+# ---- round trips -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "version"), FORMATS)
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(scale=st.floats(1e-6, 1e6), shift=st.floats(-1e3, 1e3), quadratic=st.booleans())
+def test_what_is_read_back_is_the_same_bit_for_bit(
+    tmp_path: Path, name: str, version: str, scale: float, shift: float, quadratic: bool
+):
+    mesh, quadratic = grid(scale=scale, shift=shift), quadratic and (name, version) in QUADRATIC
+    write(mesh, tmp_path / name, version=version, quadratic=quadratic)
+    found, expected = read(tmp_path / name), finite_elements(mesh, quadratic)
+    assert np.ascontiguousarray(found.points[:, :2]).tobytes() == expected.nodes.tobytes()
+    assert not found.points[:, 2:].any()
+    assert found.cells[0].type == ("quad8" if quadratic else "quad")
+    assert found.cells[0].data.tolist() == expected.elements.tolist()
+    if "eta" in found.cell_data:
+        assert found.cell_data["eta"][0].tobytes() == element_quality(mesh.vertices, mesh.quads).tobytes()
+    assert ("eta" in found.cell_data) == ((name, version) in [("mesh.vtu", "4.1"), ("mesh.msh", "4.1")])
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+@pytest.mark.parametrize("scale", [1e-5, 1.0, 1e5])
+def test_nastran_keeps_as_many_digits_as_its_fields_hold(tmp_path: Path, scale: float, quadratic: bool):
+    mesh = grid(scale=scale)
+    write(mesh, tmp_path / "mesh.bdf", quadratic=quadratic)
+    found, expected = read(tmp_path / "mesh.bdf"), finite_elements(mesh, quadratic)
+    np.testing.assert_allclose(found.points[:, :2], expected.nodes, rtol=5e-12)
+    assert [block.type for block in found.cells] == ["quad8" if quadratic else "quad"]
+    assert found.cells[0].data.tolist() == expected.elements.tolist()
+
+
+@given(st.floats(-LARGEST_COORDINATE, LARGEST_COORDINATE))
+@example(-10000000000001.0)
+def test_a_nastran_number_fits_its_field_and_is_as_near_as_it_can_be(value: float):
+    text, size = real(value), abs(value)
+    assert len(text) <= 16
+    assert "." in text
+    digits = (15 if 0.1 <= size < 1e14 else 13 if 1e-9 <= size < 0.1 else 11) - (value < 0)
+    # Half a unit of the last digit, and the rounding of the double that is read.
+    assert abs(parsed(text) - value) <= size * (0.5 * 10.0 ** (1 - digits) + 1e-15)
+    exact = np.format_float_positional(value, unique=True, trim="0")
+    if len(exact) <= 16:
+        assert parsed(text) == value
+        assert math.copysign(1.0, parsed(text)) == math.copysign(1.0, value)
+
+
+@pytest.mark.parametrize(("name", "version"), ALL)
+def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, name: str, version: str):
+    for folder in ("a", "b"):
+        write(holed(), tmp_path / folder / name, version=version)
+    assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_an_incomplete_mesh_keeps_all_its_vertices(tmp_path: Path):
+    whole = holed()
+    part = replace(whole, quads=whole.quads[:5], complete=False)
+    for name, version in FORMATS:
+        write(part, tmp_path / name, version=version)
+        assert np.ascontiguousarray(read(tmp_path / name).points[:, :2]).tobytes() == whole.vertices.tobytes()
+
+
+# ---- finite elements -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mesh", [grid(1, 1), grid(7, 5), holed()], ids=["one", "grid", "holes"])
+def test_middle_nodes_are_shared_halfway_and_numbered_after_the_corners(mesh: Mesh):
+    found = finite_elements(mesh, quadratic=True)
+    edges, _ = mesh.edges
+    n = len(mesh.vertices)
+    assert len(found.nodes) == n + len(edges)
+    assert found.nodes[:n].tobytes() == mesh.vertices.tobytes()
+    assert found.elements[:, :4].tolist() == mesh.quads.tolist()
+    assert set(found.elements[:, 4:].ravel().tolist()) == set(range(n, n + len(edges)))
+    ends = found.nodes[found.elements[:, :4]], found.nodes[np.roll(found.elements[:, :4], -1, axis=1)]
+    assert np.array_equal(found.nodes[found.elements[:, 4:]], (ends[0] + ends[1]) / 2)
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_loops_are_told_apart_and_make_up_the_boundary(quadratic: bool):
+    mesh = holed()
+    found = finite_elements(mesh, quadratic)
+    corners = [set(loop.nodes[loop.nodes < len(mesh.vertices)].tolist()) for loop in found.loops]
+    assert [loop.name for loop in found.loops] == ["outer", "hole_1", "hole_2"]
+    assert corners[1:] == [{9, 10, 16, 17}, {23, 24, 25, 26, 30, 31, 32, 33}]
+    assert len(corners[0]) == 24
+    for curve in (found.boundary, *found.loops):
+        assert set(curve.lines.ravel().tolist()) == set(curve.nodes.tolist())
+        assert np.array_equal(found.elements[curve.elements, curve.sides], curve.lines[:, 0])
+    assert edge_set(found.boundary.lines) == edge_set(mesh.segments)
+    assert set().union(*(edge_set(loop.lines) for loop in found.loops)) == edge_set(mesh.segments)
+
+
+def test_boundary_lines_have_the_domain_on_their_left():
+    found = finite_elements(holed(), quadratic=False)
+    areas = []
+    for loop in found.loops:
+        a, b = found.nodes[loop.lines[:, 0]], found.nodes[loop.lines[:, 1]]
+        areas.append(0.5 * float((a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1]).sum()))
+    assert [area > 0 for area in areas] == [True, False, False]
+    assert math.isclose(sum(areas), holed().areas.sum())
+
+
+@given(st.permutations(range(42)))
+def test_loops_do_not_depend_on_the_order_of_the_segments(order: list[int]):
+    mesh = holed()
+    order = [i for i in order if i < len(mesh.segments)]
+    shuffled = finite_elements(replace(mesh, segments=mesh.segments[order]), quadratic=False)
+    for loop, other in zip(finite_elements(mesh, quadratic=False).loops, shuffled.loops, strict=True):
+        assert loop.nodes.tolist() == other.nodes.tolist()
+        assert loop.lines.tolist() == other.lines.tolist()
+
+
+# ---- other readers ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_vtk_reads_the_vtu(tmp_path: Path, quadratic: bool):
+    vtk = pytest.importorskip("vtk")
+    mesh = grid()
+    write(mesh, tmp_path / "mesh.vtu", quadratic=quadratic)
+    reader = vtk.vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "mesh.vtu"))
+    reader.Update()
+    data, expected = reader.GetOutput(), finite_elements(mesh, quadratic)
+    assert [data.GetPoint(i) for i in range(data.GetNumberOfPoints())] == [(x, y, 0.0) for x, y in expected.nodes]
+    assert data.GetCellType(0) == (vtk.VTK_QUADRATIC_QUAD if quadratic else vtk.VTK_QUAD)
+    size = expected.elements.shape[1]
+    cells = [[data.GetCell(i).GetPointId(k) for k in range(size)] for i in range(data.GetNumberOfCells())]
+    assert cells == expected.elements.tolist()
+    assert data.GetCellData().GetArray("eta").GetNumberOfTuples() == 6
+
+
+@pytest.mark.parametrize(("name", "version"), [("a.msh", "4.1"), ("a.msh", "2.2"), ("a.bdf", "4.1")])
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_gmsh_opens_it(tmp_path: Path, name: str, version: str, quadratic: bool):
+    gmsh = pytest.importorskip("gmsh")
+    mesh, groups = holed(), {}
+    write(mesh, tmp_path / name, version=version, quadratic=quadratic)
+    expected = finite_elements(mesh, quadratic)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.logger.start()
+        gmsh.open(str(tmp_path / name))
+        assert not [line for line in gmsh.logger.get() if not line.startswith("Info")]
+        tags, points, _ = gmsh.model.mesh.getNodes()
+        elements, nodes = gmsh.model.mesh.getElementsByType(16 if quadratic else 3)
+        for dimension, tag in gmsh.model.getPhysicalGroups():
+            members, _ = gmsh.model.mesh.getNodesForPhysicalGroup(dimension, tag)
+            groups[gmsh.model.getPhysicalName(dimension, tag)] = set((members - 1).tolist())
+    finally:
+        gmsh.logger.stop()
+        gmsh.finalize()
+    order = np.argsort(tags)
+    assert (tags[order] - 1).tolist() == list(range(len(expected.nodes)))
+    np.testing.assert_allclose(points.reshape(-1, 3)[order, :2], expected.nodes, rtol=5e-12 if name == "a.bdf" else 0)
+    assert (nodes.reshape(len(elements), -1) - 1).tolist() == expected.elements.tolist()
+    if name == "a.msh":
+        curves = expected.curves if version == "4.1" else expected.loops
+        assert groups.pop("domain") == set(expected.elements.ravel().tolist())
+        assert groups == {curve.name: set(curve.nodes.tolist()) for curve in curves}
+
+
+@pytest.mark.parametrize("version", ["4.1", "2.2"])
+def test_meshio_finds_the_groups_of_a_gmsh_file(tmp_path: Path, version: str):
+    mesh = holed()
+    write(mesh, tmp_path / "mesh.msh", version=version)
+    found = read(tmp_path / "mesh.msh")
+    group = {name: tag for name, (tag, _) in found.field_data.items()}
+    physical = found.cell_data["gmsh:physical"]
+    assert set(physical[0].tolist()) == {group["domain"]}
+    if version == "4.1":
+        named = {name: np.concatenate([block.data[i] for block, i in zip(found.cells[1:], sets[1:], strict=True)])
+                 for name, sets in found.cell_sets.items() if name in group and name != "domain"}  # fmt: skip
+        expected = finite_elements(mesh, quadratic=False).curves
+    else:
+        named = {name: found.cells[1].data[physical[1] == tag] for name, tag in group.items() if name != "domain"}
+        expected = finite_elements(mesh, quadratic=False).loops
+    assert {name: lines.tolist() for name, lines in named.items() if name != "boundary"} == {
+        curve.name: curve.lines.tolist() for curve in expected if curve.name != "boundary"
+    }
+    assert "boundary" not in named or edge_set(named["boundary"]) == edge_set(mesh.segments)
+
+
+@pytest.mark.parametrize("version", ["4.1", "2.2"])
+def test_a_gmsh_file_without_holes_has_the_groups_domain_and_boundary(tmp_path: Path, version: str):
+    write(grid(), tmp_path / "mesh.msh", version=version)
+    assert set(read(tmp_path / "mesh.msh").field_data) == {"domain", "boundary"}
+    assert (tmp_path / "mesh.msh").read_text().split()[:4] == ["$MeshFormat", version, "0", "8"]
+
+
+# ---- Abaqus and Nastran ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_the_abaqus_deck_has_what_a_simulation_needs(tmp_path: Path, quadratic: bool):
+    mesh = grid(9, 8)
+    write(mesh, tmp_path / "mesh.inp", quadratic=quadratic)
+    text = (tmp_path / "mesh.inp").read_text()
+    found, expected = cards(text), finite_elements(mesh, quadratic)
+    assert list(found) == [
+        "*HEADING", "*NODE, NSET=ALL", f"*ELEMENT, TYPE={'CPE8' if quadratic else 'CPE4'}, ELSET=ALL",
+        "*ELSET, ELSET=BOUNDARY_ELEMENTS", "*NSET, NSET=BOUNDARY", "*SURFACE, NAME=BOUNDARY, TYPE=ELEMENT",
+    ]  # fmt: skip
+    assert max(len(line.split(",")) for line in text.splitlines()) <= 16
+    nodes = np.array(numbers(found["*NSET, NSET=BOUNDARY"])) - 1
+    assert nodes[nodes < len(mesh.vertices)].tolist() == np.flatnonzero(mesh.on_boundary).tolist()
+    assert (len(nodes) > mesh.on_boundary.sum()) == quadratic
+    along = (mesh.on_boundary[mesh.quads] & np.roll(mesh.on_boundary[mesh.quads], -1, axis=1)).any(axis=1)
+    assert numbers(found["*ELSET, ELSET=BOUNDARY_ELEMENTS"]) == [*np.flatnonzero(along) + 1]
+    pairs = [line.split(", S") for line in found["*SURFACE, NAME=BOUNDARY, TYPE=ELEMENT"]]
+    corners = expected.elements[:, :4]
+    assert edge_set(
+        np.array([(corners[int(e) - 1, int(f) - 1], corners[int(e) - 1, int(f) % 4]) for e, f in pairs])
+    ) == edge_set(mesh.segments)
+
+
+def test_the_loops_of_the_boundary_are_sets_of_the_decks(tmp_path: Path):
+    mesh = holed()
+    expected = {curve.name: (curve.nodes + 1).tolist() for curve in finite_elements(mesh, quadratic=False).curves}
+    write(mesh, tmp_path / "mesh.inp")
+    write(mesh, tmp_path / "mesh.bdf")
+    deck = cards((tmp_path / "mesh.inp").read_text())
+    assert {name: numbers(deck[f"*NSET, NSET={name.upper()}"]) for name in expected} == expected
+    assert all(f"*SURFACE, NAME={name.upper()}, TYPE=ELEMENT" in deck for name in expected)
+    bulk = re.findall(r"^\$ Set (\d+): (\w+)\nSET1(.*(?:\n\+.*)*)", (tmp_path / "mesh.bdf").read_text(), flags=re.M)
+    found = {name: [int(field) for field in re.sub(r"\n\+", " ", fields).split()] for _, name, fields in bulk}
+    assert found == {name: [i, *nodes] for i, (name, nodes) in enumerate(expected.items(), 1)}
+
+
+def test_nastran_lines_are_no_longer_than_its_columns(tmp_path: Path):
+    write(holed(), tmp_path / "mesh.bdf", quadratic=True)
+    assert max(map(len, (tmp_path / "mesh.bdf").read_text().splitlines())) <= 72
+
+
+def test_abaqus_numbers_survive_a_reader_of_twenty_characters(tmp_path: Path):
+    mesh = grid(scale=1e-5)
+    write(mesh, tmp_path / "mesh.inp")
+    rows = [line.split(", ") for line in cards((tmp_path / "mesh.inp").read_text())["*NODE, NSET=ALL"]]
+    cut = np.array([[float(number[:20]) for number in row[1:]] for row in rows])
+    np.testing.assert_allclose(cut, mesh.vertices, rtol=0, atol=1e-17)
+
+
+@pytest.mark.parametrize("suffix", [".inp", ".bdf", ".obj"])
+@pytest.mark.parametrize("name", ["Zürich\n*NODE", "* $", "x" * 500, ""])
+def test_any_name_makes_a_deck(tmp_path: Path, suffix: str, name: str):
+    write(replace(grid(), name=name), tmp_path / f"mesh{suffix}")
+    assert len(read(tmp_path / f"mesh{suffix}").cells[0].data) == 6
+    lines = (tmp_path / f"mesh{suffix}").read_bytes().decode("ascii").splitlines()
+    assert sum("6 quadrilaterals of " in line for line in lines) == 1
+    assert max(map(len, lines)) <= 80
+
+
+# ---- what cannot be written ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("mesh.stl", {}, f"unknown format .stl: use one of {', '.join(SUFFIXES)}"),
+        ("mesh", {}, f"unknown format (none): use one of {', '.join(SUFFIXES)}"),
+        ("mesh.msh", {"version": "4.0"}, "unknown Gmsh version 4.0: use one of 4.1, 2.2"),
+        ("mesh.obj", {"quadratic": True}, ".obj has no quadratic elements"),
+        ("file/mesh.vtu", {}, "cannot be written"),
+        ("folder.vtu", {}, "cannot be written"),
+    ],
+)
+def test_what_cannot_be_written_is_said_in_one_line_and_leaves_nothing(
+    tmp_path: Path, name: str, options: dict, message: str
+):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder.vtu").mkdir()
+    with pytest.raises(OutputError) as raised:
+        write(grid(), tmp_path / name, **options)
+    assert str(raised.value).startswith(f"{tmp_path / name}: {message}")
+    assert "\n" not in str(raised.value)
+    assert {path.name for path in tmp_path.rglob("*")} == {"file", "folder.vtu"}
+
+
+def test_an_empty_mesh_is_refused(tmp_path: Path):
+    with pytest.raises(OutputError, match="grid has no elements"):
+        write(Mesh("grid", np.zeros((4, 2)), np.empty((0, 4), np.int64), np.array([[0, 1]]), False), tmp_path / "a.vtu")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_failure_halfway_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str):
+    path = tmp_path / f"mesh{suffix}"
+    write(grid(), path)
+    before = path.read_bytes()
+
+    def fail(target: Path, *_: object) -> None:
+        target.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(meshio.Mesh, "write", lambda self, target, **_: fail(target))
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    with pytest.raises(OutputError, match="No space left on device"):
+        write(grid(4, 4), path)
+    assert path.read_bytes() == before
+    assert [item.name for item in tmp_path.iterdir()] == [path.name]

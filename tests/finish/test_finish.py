@@ -1,0 +1,107 @@
+"""The finish: never worse than what was given, the same in any place and size, the boundary untouched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rough_meshes import SHAPES, fan, grid, rough
+
+from envs.mesh import Mesh
+from envs.quality import convex_quality, element_quality
+from freemesh_ray.finish import finish
+from freemesh_ray.finish.cleanup import FLOOR
+from freemesh_ray.finish.finish import no_worse
+from freemesh_ray.meshes.metrics import irregular
+
+
+def eta(mesh: Mesh) -> np.ndarray:
+    return element_quality(mesh.vertices, mesh.quads)
+
+
+def check(before: Mesh, after: Mesh) -> None:
+    """Assert all that is promised of a finish."""
+    assert after.defects(before.areas.sum()) == []
+    assert after.complete
+    given = np.unique(before.segments)
+    np.testing.assert_array_equal(after.vertices[given], before.vertices[given])
+    np.testing.assert_array_equal(after.segments, before.segments)
+    assert eta(after).mean() >= eta(before).mean()
+    assert eta(after).min() >= min(eta(before).min(), FLOOR)
+    assert len(irregular(after)) <= len(irregular(before))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_finish_is_never_worse(shape: str, seed: int) -> None:
+    mesh = rough(shape, seed, changes=20)
+    for smooth, clean in ((True, True), (True, False), (False, True)):
+        check(mesh, finish(mesh, smooth=smooth, clean=clean).mesh)
+
+
+@pytest.mark.parametrize("elements", [3, 5, 12, 40])
+def test_a_vertex_with_many_elements_is_finished(elements: int) -> None:
+    check(fan(elements), finish(fan(elements)).mesh)
+
+
+def test_a_finish_is_much_better() -> None:
+    before, after, left = [], [], 0
+    for seed in range(4):
+        mesh = rough("square", seed, changes=8)
+        result = finish(mesh).mesh
+        before.append(eta(mesh).mean())
+        after.append(eta(result).mean())
+        left += len(irregular(result))
+    assert np.mean(after) > np.mean(before) + 0.15
+    assert left <= 12
+
+
+def test_steps_can_be_left_out() -> None:
+    mesh = rough("ring", 7)
+    nothing = finish(mesh, smooth=False, clean=False)
+    np.testing.assert_array_equal(nothing.mesh.vertices, mesh.vertices)
+    np.testing.assert_array_equal(nothing.mesh.quads, mesh.quads)
+    smoothed = finish(mesh, clean=False)
+    assert smoothed.sequences == 0
+    np.testing.assert_array_equal(smoothed.mesh.quads, mesh.quads)
+    assert (smoothed.mesh.vertices != mesh.vertices).any()
+    assert finish(mesh, smooth=False).sequences > 0
+
+
+def test_size_by_a_power_of_two_changes_nothing_at_all() -> None:
+    mesh = rough("L", 2)
+    expected = finish(mesh).mesh
+    for scale in (2.0**-20, 2.0**20):
+        found = finish(replace(mesh, vertices=scale * mesh.vertices)).mesh
+        np.testing.assert_array_equal(found.quads, expected.quads)
+        np.testing.assert_array_equal(found.vertices, scale * expected.vertices)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_place_and_direction_change_little(seed: int) -> None:
+    mesh = rough("ring", seed)
+    expected = finish(mesh, clean=False).mesh
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    turned = finish(replace(mesh, vertices=mesh.vertices @ turn.T), clean=False).mesh
+    assert eta(turned).mean() == pytest.approx(eta(expected).mean(), abs=1e-3)
+    far = replace(mesh, vertices=mesh.vertices + 1e6)
+    check(far, finish(far).mesh)
+
+
+def test_the_same_mesh_twice() -> None:
+    mesh = rough("ring", 9, changes=25)
+    first, second = finish(mesh), finish(mesh)
+    assert first.sequences == second.sequences
+    np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
+    np.testing.assert_array_equal(first.mesh.quads, second.mesh.quads)
+
+
+def test_what_is_worse_is_seen() -> None:
+    mesh = grid("square", shake=0.05)
+    assert no_worse(mesh, mesh)
+    assert not no_worse(mesh, grid("square", shake=0.24))
+    bent = mesh.vertices.copy()
+    bent[-1] += 1.5
+    assert convex_quality(bent, mesh.quads).min() == -1.0
+    assert not no_worse(mesh, replace(mesh, vertices=bent))

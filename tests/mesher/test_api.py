@@ -1,0 +1,100 @@
+"""The Python entrance: polygons of every kind in, a finished mesh out."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+import freemesh_ray
+from envs.domains.load import load
+from envs.types import DomainError
+from freemesh_ray.policies.policy import SHIPPED, Policy
+
+OUTLINE = np.array([[0, 0], [4, 0], [4, 1.5], [1.5, 1.5], [1.5, 3], [0, 3]], dtype=np.float64)
+
+
+@pytest.fixture(scope="module")
+def mesh() -> freemesh_ray.Mesh:
+    return freemesh_ray.mesh(shapely.Polygon(OUTLINE), edge_length=0.25)
+
+
+def test_a_shapely_polygon_becomes_a_mesh(mesh: freemesh_ray.Mesh) -> None:
+    polygon = shapely.Polygon(OUTLINE)
+    assert mesh.defects(area=polygon.area) == []
+    assert mesh.vertices.shape[1] == 2
+    assert mesh.quads.shape[1] == 4
+    given = mesh.vertices[np.unique(mesh.segments)]
+    assert shapely.distance(polygon.boundary, shapely.points(given)).max() < 1e-12
+    for corner in OUTLINE:
+        assert (given == corner).all(axis=1).any()
+
+
+def test_ring_vertices_are_the_boundary_vertices() -> None:
+    ring = shapely.segmentize(shapely.Polygon(OUTLINE), 0.3).exterior
+    made = freemesh_ray.mesh(shapely.Polygon(ring), fix_parity=True)
+    given = {tuple(point) for point in made.vertices[np.unique(made.segments)]}
+    assert {tuple(point) for point in np.asarray(ring.coords)} <= given
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_units_and_scale_are_kept(scale: float) -> None:
+    made = freemesh_ray.mesh(scale * OUTLINE, edge_length=0.25 * scale)
+    assert made.defects(area=scale**2 * shapely.Polygon(OUTLINE).area) == []
+    assert np.ptp(made.vertices, axis=0) == pytest.approx(scale * np.ptp(OUTLINE, axis=0))
+
+
+def test_holes_are_kept() -> None:
+    polygon = shapely.Polygon(OUTLINE).difference(shapely.Point(0.75, 0.75).buffer(0.35))
+    made = freemesh_ray.mesh(polygon, edge_length=0.2)
+    assert made.defects() == []
+    assert made.areas.sum() == pytest.approx(polygon.area, rel=0.01)
+
+
+def test_the_finished_mesh_is_no_poorer_than_the_raw(mesh: freemesh_ray.Mesh) -> None:
+    raw = freemesh_ray.mesh(OUTLINE, edge_length=0.25, smooth=False, clean=False)
+    assert mesh.quality()["eta"] >= raw.quality()["eta"]
+    np.testing.assert_array_equal(raw.vertices, mesh.made.raw.vertices)
+
+
+def test_figures_and_files(mesh: freemesh_ray.Mesh, tmp_path: Path) -> None:
+    assert 0.0 < mesh.quality()["eta"] <= 1.0
+    for suffix in (".inp", ".msh", ".vtu", ".bdf", ".obj", ".png", ".svg", ".html"):
+        mesh.write(tmp_path / f"part{suffix}")
+        assert (tmp_path / f"part{suffix}").stat().st_size > 0
+
+
+def test_several_polygons_are_refused() -> None:
+    with pytest.raises(DomainError, match="2 polygons where one is needed"):
+        freemesh_ray.mesh(shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)]), edge_length=0.2)
+
+
+@pytest.mark.parametrize("path", SHIPPED.values(), ids=list(SHIPPED))
+def test_shipped_policies_tell_where_they_come_from(path: Path) -> None:
+    about = Policy.load(path).about
+    assert about["config"]["seed"] == 356
+    assert len(about["mlflow.source.git.commit"]) == 40
+    assert path.name in (path.parent / "README.md").read_text()
+
+
+def test_the_density_decides_how_many_elements() -> None:
+    """Over several domains: on a single one the three trainings may well agree."""
+    outlines = [load(name).vertices for name in ("D1", "D5", "D6", "D7")]
+    counts = [
+        sum(len(freemesh_ray.mesh(outline, density=density).quads) for outline in outlines)
+        for density in ("sparse", "medium", "dense")
+    ]
+    assert counts == sorted(counts)
+
+
+def test_meshing_needs_neither_ray_nor_torch_nor_mlflow() -> None:
+    code = (
+        "import sys, freemesh_ray;"
+        "freemesh_ray.mesh([[0, 0], [2, 0], [2, 1], [0, 1]], edge_length=0.25);"
+        "heavy = {'ray', 'torch', 'mlflow'} & set(sys.modules); assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,62 @@
+"""Evaluation episodes, with policies made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from envs.domains.load import from_rings, load
+from envs.types import MeshingParameters
+from freemesh_ray.policies.evaluation import run_episodes, summary
+from freemesh_ray.policies.policy import Policy
+
+RING = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
+
+
+def constant(mean: tuple[float, float, float], log_std: float) -> Policy:
+    """Acts the same everywhere; ``mean`` before tanh."""
+    bias = np.array([*mean, log_std, log_std, log_std], dtype=np.float32)
+    return Policy([(np.zeros((15, 6), dtype=np.float32), bias)], MeshingParameters())
+
+
+#: Draws nearly uniform actions: completes small domains now and then.
+WILD = constant((0.0, 0.0, 0.0), 0.3)
+#: Always asks for a new vertex on top of V_0: never valid.
+STUCK = constant((0.0, -9.0, 0.0), -9.0)
+
+
+def test_a_deterministic_policy_draws_only_after_a_rejection() -> None:
+    results = run_episodes(WILD, from_rings(RING), 4, stochastic=False, seed=0)
+    for result in results:
+        first = result.mesh.quads[0]
+        assert (first == results[0].mesh.quads[0]).all()
+    assert len({tuple(result.mesh.quads.ravel()) for result in results}) > 1
+
+
+def test_the_same_seed_gives_the_same_episodes() -> None:
+    runs = [run_episodes(WILD, from_rings(RING), 3, stochastic=True, seed=7) for _ in range(2)]
+    for one, other in zip(*runs, strict=True):
+        assert one.episode_return == other.episode_return
+        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+
+
+def test_a_stuck_policy_is_truncated_with_nothing_but_penalties() -> None:
+    (result,) = run_episodes(STUCK, load("T1"), 1, stochastic=False, seed=0)
+    assert not result.completed
+    assert result.steps == result.invalid == 100
+    assert result.episode_return == pytest.approx(-10.0)
+    assert summary([result]) == {
+        "return": pytest.approx(-10.0),
+        "completion_rate": 0.0,
+        "elements": 0.0,
+        "element_quality": 0.0,
+        "score": 0.0,
+        "invalid": 100.0,
+    }
+
+
+def test_counts_add_up() -> None:
+    for result in run_episodes(WILD, from_rings(RING), 8, stochastic=True, seed=1):
+        accepted = len(result.mesh.quads) - int(result.completed)
+        assert result.steps == accepted + result.invalid
+        assert 0.0 <= result.mean_eta <= 1.0

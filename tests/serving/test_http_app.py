@@ -1,0 +1,236 @@
+"""The HTTP surface and the command without a server: what is answered when meshers are busy, lost or mistaken."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import threading
+from collections.abc import Awaitable, Callable
+from contextlib import nullcontext
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from processes import free_port
+
+from freemesh_ray.cli import command
+from freemesh_ray.cli.serve import TOKEN
+from freemesh_ray.serving import service
+from freemesh_ray.serving.answer import Answer, Job, refusal
+from freemesh_ray.serving.counters import Counters
+from freemesh_ray.serving.http_app import Busy, digest, surface
+from freemesh_ray.serving.limits import Limits
+from freemesh_ray.serving.parameters import ParameterError, Parameters, kinds, parameters
+from freemesh_ray.serving.supervisor import WorkerError, WorkerOwner
+
+LIMITS = Limits(upload_seconds=0.05, body_bytes=100)
+
+
+def ask(
+    mesh: Callable[[Job], Awaitable[Answer]],
+    chunks: list[bytes] | None = None,
+    *,
+    path: str = "/mesh",
+    method: str = "POST",
+    meshers: int = 1,
+    headers: list[tuple[bytes, bytes]] | None = None,
+) -> tuple[int, dict[str, str], bytes, Counters]:
+    """Status, headers, body and counters after one request whose body's chunks come, but no end if there are none."""
+    counters, sent = Counters(), []
+    waiting = list(chunks or [])
+
+    async def running() -> int:
+        return meshers
+
+    async def receive() -> dict[str, Any]:
+        if not waiting:
+            await asyncio.sleep(60)
+        return {"type": "http.request", "body": waiting.pop(0), "more_body": bool(waiting) or chunks == []}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": "http", "method": method, "path": path, "query_string": b"", "headers": headers or []}
+    app = surface(
+        mesh, running, densities=["medium"], limits=LIMITS, token=digest("key") if headers else None, counters=counters
+    )
+    asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
+    start, *rest = sent
+    told = {name.decode(): value.decode() for name, value in start["headers"]}
+    return start["status"], told, b"".join(message.get("body", b"") for message in rest), counters
+
+
+async def fine(job: Job) -> Answer:
+    return Answer(200, job.body, elements=3)
+
+
+async def busy(job: Job) -> Answer:
+    raise Busy
+
+
+def test_a_body_in_chunks_is_put_together() -> None:
+    status, _, body, counters = ask(fine, [b"ab", b"", b"cd"])
+    assert (status, body) == (200, b"abcd")
+    assert b"freemesh_elements_total 3.0" in counters.page()[0]
+
+
+def test_busy_meshers() -> None:
+    status, headers, body, counters = ask(busy, [b"{}"])
+    assert (status, headers["retry-after"]) == (503, "1")
+    assert "try again" in json.loads(body)["error"]
+    assert b'freemesh_rejected_total{reason="busy"} 1.0' in counters.page()[0]
+
+
+def test_a_body_that_does_not_come() -> None:
+    status, headers, body, _ = ask(fine)
+    assert (status, headers["connection"]) == (408, "close")
+    assert "send it at once" in json.loads(body)["error"]
+
+
+def test_a_body_too_large_in_chunks() -> None:
+    status, _, _, counters = ask(fine, [b"x" * 60, b"x" * 60])
+    assert status == 413
+    assert b'freemesh_rejected_total{reason="size"} 1.0' in counters.page()[0]
+
+
+def test_no_mesher_runs() -> None:
+    assert ask(fine, path="/health", method="GET", meshers=0)[0] == 503
+    assert ask(fine, path="/health", method="GET", meshers=2)[0] == 200
+
+
+def test_the_token() -> None:
+    assert ask(fine, [b""], headers=[(b"authorization", b"bearer key")])[0] == 200
+    assert ask(fine, [b""], headers=[(b"authorization", b"Bearer key2")])[0] == 401
+    assert ask(fine, [b""], headers=[(b"authorization", b"key")])[0] == 401
+
+
+def test_a_mistake_is_told_to_the_log_alone() -> None:
+    async def mistaken(job: Job) -> Answer:
+        raise ZeroDivisionError("secret")
+
+    seen = []
+
+    async def send(message: Any) -> None:
+        seen.append(message)
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def running() -> int:
+        return 1
+
+    app = surface(mistaken, running, densities=["medium"], limits=LIMITS, token=None, counters=Counters())
+    scope = {"type": "http", "method": "POST", "path": "/mesh", "query_string": b"", "headers": []}
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
+    assert seen[0]["status"] == 500
+    assert b"secret" not in seen[1]["body"]
+
+
+@given(
+    wanted=st.builds(
+        Parameters,
+        density=st.sampled_from(["dense", "medium"]),
+        edge_length=st.none() | st.floats(1e-300, 1e300),
+        grading=st.floats(1, 1000),
+        fix_parity=st.booleans(),
+        seed=st.integers(0, 2**32 - 1),
+        best_of=st.integers(1, 8),
+        smooth=st.booleans(),
+        clean=st.booleans(),
+        form=st.sampled_from(["json", "inp"]),
+    )
+)
+def test_parameters_come_back(wanted: Parameters) -> None:
+    if wanted.edge_length is None:
+        wanted = replace(wanted, grading=1.0)
+    given_ones = {name: value for name, value in asdict(wanted).items() if value is not None}
+    given_ones["format"] = given_ones.pop("form")
+    query = [
+        (name, str(value).lower() if isinstance(value, bool) else str(value)) for name, value in given_ones.items()
+    ]
+    assert parameters(query, ["dense", "medium"], Limits()) == wanted
+
+
+@given(st.lists(st.tuples(st.sampled_from([*kinds(["one"], Limits()), "x"]) | st.text(), st.text()), max_size=4))
+def test_any_query_is_understood_or_refused_in_a_line(query: list[tuple[str, str]]) -> None:
+    try:
+        line = parameters(query, ["one"], Limits()).density
+    except ParameterError as error:
+        line = str(error)
+    assert line
+    assert len(line) < 300
+
+
+def test_long_lines_keep_both_ends() -> None:
+    line = json.loads(refusal(422, "begin" + "x" * 10_000 + "end").body)["error"]
+    assert len(line) < 500
+    assert line.startswith("begin")
+    assert line.endswith("end")
+
+
+def test_a_worker_that_cannot_start_is_an_error() -> None:
+    owner = WorkerOwner({"medium": "no policy"}, Limits())  # type: ignore[dict-item]
+    with pytest.raises(WorkerError, match="before it was ready"):
+        owner.start()
+    owner.stop()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def test_signals_stop_the_command(number: int, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(service, "serving", lambda *_, **__: nullcontext())
+    monkeypatch.delenv(TOKEN, raising=False)
+    handled = threading.Event()
+
+    def send() -> None:
+        # Until the command waits, which its handler tells.
+        while signal.getsignal(signal.SIGTERM) is before:
+            handled.wait(0.01)
+        os.kill(os.getpid(), number)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        assert command.main(["serve"]) == code
+    finally:
+        sender.join()
+        signal.signal(signal.SIGTERM, before)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line on stderr of a command that does not begin."""
+    try:
+        code = command.main(["serve", *arguments])
+    except SystemExit as exit_:
+        code = exit_.code
+    out, err = capsys.readouterr()
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    return err
+
+
+def test_the_command_refuses(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv(TOKEN, raising=False)
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    assert TOKEN in refused(capsys, "--host", "0.0.0.0")
+    assert "no such policy" in refused(capsys, "--policy", str(tmp_path / "policy.npz"))
+    assert "--port" in refused(capsys, "--port", "0")
+    with socket.create_server(("127.0.0.1", port := free_port())):
+        assert f"127.0.0.1:{port}: cannot be listened on" in refused(capsys, "--port", str(port))
+
+
+@pytest.mark.parametrize(
+    ("host", "own"),
+    [("127.0.0.1", True), ("127.8.8.8", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("::", False),
+     ("192.168.1.2", False), ("example.org", False), ("", False)],
+)  # fmt: skip
+def test_loopback_hosts(host: str, own: bool) -> None:
+    assert service.is_loopback(host) is own

@@ -1,0 +1,173 @@
+"""Studies of a fake algorithm on a real Ray: shared runs, failures, kills, resumption, searches."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from freemesh_ray.studies.study_folder import StudyFolder
+
+SCRIPT = Path(__file__).parent / "fake_study.py"
+SETTINGS = {
+    "curriculum.stages": ["T1"],
+    "runners.count": 0,
+    "budget.env_steps": 600,
+    "budget.minutes": None,
+    "evaluation.interval": 200,
+    "tracking.enabled": False,
+}
+
+
+def written(folder: Path, name: str, study: dict, **settings: object) -> Path:
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump({"study": {"title": "A test", **study}, "settings": {**SETTINGS, **settings}}))
+    return path
+
+
+def environment(folder: Path, pause: float = 0.0) -> dict[str, str]:
+    return {**os.environ, "FAKE_LOG": str(folder / "log"), "FAKE_PAUSE": str(pause)}
+
+
+def command(path: Path, *options: str) -> list[str]:
+    return [sys.executable, str(SCRIPT), str(path), *options]
+
+
+def run(path: Path, *options: str, code: int = 0) -> str:
+    done = subprocess.run(
+        command(path, *options), cwd=path.parent, env=environment(path.parent), capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout
+
+
+def log(folder: Path) -> list[str]:
+    path = folder / "log"
+    return path.read_text().splitlines() if path.is_file() else []
+
+
+def statuses(folder: Path, name: str) -> dict[str, str]:
+    entries = StudyFolder(folder / "studies" / name).read()
+    return {f"{entry.label}-{entry.seed}": entry.status for entry in entries}
+
+
+def evaluated(folder: Path, name: str) -> list[list[int]]:
+    study = StudyFolder(folder / "studies" / name)
+    paths = [study.path / entry.run / "evaluations.jsonl" for entry in study.read()]
+    return [[json.loads(line)["env_steps"] for line in path.read_text().splitlines()] for path in paths]
+
+
+def killed_when(path: Path, ready: Callable[[], bool], how: signal.Signals = signal.SIGKILL, pause: float = 0.1) -> int:
+    """Start a study and end it by a signal as soon as ``ready()``; its exit code."""
+    process = subprocess.Popen(
+        command(path), cwd=path.parent, env=environment(path.parent, pause), stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    give_up = time.monotonic() + 200
+    while not ready():
+        assert process.poll() is None, "it ended before it was killed"
+        assert time.monotonic() < give_up
+        time.sleep(0.05)
+    process.send_signal(how)
+    return process.wait(timeout=100)
+
+
+def test_what_a_study_has_trained_no_other_trains_again_and_a_failure_sinks_neither(tmp_path: Path) -> None:
+    batches = {"small": {"learner.batch_size": 8}, "usual": None}
+    first = written(tmp_path, "first", {"variants": batches, "seeds": [1, 2]})
+    assert "4/4" in run(first)
+    assert statuses(tmp_path, "first") == dict.fromkeys(("small-1", "small-2", "usual-1", "usual-2"), "finished")
+    assert evaluated(tmp_path, "first") == [[200, 400, 600]] * 4
+    assert not list((tmp_path / "studies" / "first" / "tune").glob("*/checkpoint_*"))  # no replay buffers are left
+    assert Counter(log(tmp_path)) == {f"begin {size}/{seed}": 1 for size in (8, 256) for seed in (1, 2)}
+
+    unlucky = {"unlucky": {"learner.batch_size": 13}, "usual": {"learner.batch_size": 256}}
+    second = written(tmp_path, "second", {"variants": unlucky, "seeds": [1], "retries": 2})
+    output = run(second)
+    assert statuses(tmp_path, "second") == {"unlucky-1": "failed", "usual-1": "finished"}
+    entries = StudyFolder(tmp_path / "studies" / "second").read()
+    assert [entry.shared for entry in entries] == [False, True]
+    assert "batches of thirteen bring bad luck" in (entries[0].error or "")
+    assert "batches of thirteen bring bad luck" in output
+    later = Counter(log(tmp_path))
+    assert later["begin 256/1"] == 1  # not again
+    assert later["fail 13/1"] == 3  # tried, and tried again twice
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_study_goes_on_where_it_was(how: signal.Signals, tmp_path: Path) -> None:
+    path = written(
+        tmp_path, "killed", {"variants": {"small": {"learner.batch_size": 8}, "usual": None}, "seeds": [1, 2]}
+    )
+
+    def ready() -> bool:
+        known = statuses(tmp_path, "killed")
+        saved = list((tmp_path / "studies" / "killed" / "tune").glob("*/checkpoint_*/progress.json"))
+        return sum(status == "finished" for status in known.values()) >= 1 and len(saved) >= 2
+
+    assert killed_when(path, ready, how) != 0
+    finished = {name for name, status in statuses(tmp_path, "killed").items() if status == "finished"}
+    before = Counter(log(tmp_path))
+    run(path, "--resume")
+    assert set(statuses(tmp_path, "killed").values()) == {"finished"}
+    assert evaluated(tmp_path, "killed") == [[200, 400, 600]] * 4
+    after = Counter(log(tmp_path))
+    sizes = {"small": 8, "usual": 256}
+    for name in finished:
+        label, _, seed = name.rpartition("-")
+        key = f"begin {sizes[label]}/{seed}"
+        assert after[key] == before[key]  # not run again
+    begun = "already holds a study"
+    again = subprocess.run(command(path), cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True)
+    assert again.returncode
+    assert begun in again.stderr
+
+
+def test_a_killed_search_keeps_its_trials_and_its_searcher(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    space = {"learner.batch_size": {"choice": [8, 16, 32]}, "learner.gamma": {"uniform": [0.9, 0.99]}}
+    search = {"trials": 6, "scheduler": "asha", "grace": 200, "reduction": 2, "space": space}
+    study = {"search": search, "seeds": [1], "metric": "eval_stochastic/invalid"}
+    path = written(tmp_path, "search", study, **{"learner.batch_size": 16, "learner.gamma": 0.95})
+
+    def entries() -> list:
+        return StudyFolder(tmp_path / "studies" / "search").read()
+
+    killed_when(path, lambda: sum(entry.status in ("finished", "stopped") for entry in entries()) >= 2)
+    before = {entry.run: entry for entry in entries()}
+    run(path, "--resume")
+    after = {entry.run: entry for entry in entries()}
+    assert len(after) == 6
+    assert {entry.status for entry in after.values()} <= {"finished", "stopped"}
+    for key, entry in before.items():
+        assert after[key].settings == entry.settings
+    defaults = [entry for entry in after.values() if entry.label == "default"]
+    assert [entry.settings for entry in defaults] == [{"learner.batch_size": 16, "learner.gamma": 0.95}]
+    gammas = [entry.settings["learner.gamma"] for entry in after.values()]
+    assert len(set(gammas)) == 6
+    assert all(0.9 <= gamma <= 0.99 for gamma in gammas)
+
+
+def test_population_based_training_changes_settings_within_their_space(tmp_path: Path) -> None:
+    search = {
+        "trials": 3,
+        "scheduler": "pbt",
+        "perturbation": 200,
+        "space": {"learner.gamma": {"uniform": [0.9, 0.99]}},
+    }
+    path = written(tmp_path, "pbt", {"search": search, "seeds": [1], "metric": "eval_stochastic/invalid"})
+    run(path)
+    entries = StudyFolder(tmp_path / "studies" / "pbt").read()
+    assert [entry.status for entry in entries] == ["finished"] * 3
+    assert all(0.9 <= entry.settings["learner.gamma"] <= 0.99 for entry in entries)
+    assert any(line.startswith("restore") for line in log(tmp_path))

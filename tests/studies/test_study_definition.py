@@ -1,0 +1,219 @@
+"""Study files: what is read, what is refused and how, and what makes two trainings the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from freemesh_ray import config
+from freemesh_ray.cli.command import main
+from freemesh_ray.config import SCHEMA, SHORTHANDS, ConfigError
+from freemesh_ray.training.run_folder import RunError
+from freemesh_ray.studies.study_folder import Entry
+from freemesh_ray.studies import plan
+from freemesh_ray.studies.definition import load, shipped
+from freemesh_ray.studies.runner import merged
+
+STUDIES = {
+    "algorithms": 12, "domains": 12, "networks": 12, "seeds": 5, "observation": 9, "radius": 9, "density": 18,
+    "search": 1, "population": 1,
+}  # fmt: skip
+GOOD = """study:
+  title: A test
+  seeds: [1, 2]
+  variants:
+    one:
+    two: {learner.gamma: 0.9}
+settings:
+  budget:
+    env_steps: 1000
+"""
+
+
+def written(text: str, folder: Path) -> Path:
+    path = folder / "mine.yaml"
+    path.write_text(text)
+    return path
+
+
+# ---- the studies that ship -------------------------------------------------------------------------------------------
+
+
+def test_every_study_of_the_paper_ships():
+    assert set(shipped()) == set(STUDIES)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_shipped_study_is_whole(name: str):
+    study = load(name)
+    assert study.finding
+    assert study.paper
+    if study.search is None:
+        trials = plan.variants(study, "a source").trials
+        assert len(trials) == STUDIES[name]
+        assert len({str(trial.folder.path) for trial in trials.values()}) == STUDIES[name]
+        assert {seed for _, seed in ((t.label, t.seed) for t in trials.values())} >= {356, 567, 999}
+
+
+def test_the_default_training_is_the_same_run_in_every_study_of_the_paper():
+    default = {"algorithms": "SAC", "domains": "T1", "networks": "S2", "seeds": "A", "observation": "O2",
+               "radius": "R2", "density": "medium"}  # fmt: skip
+    runs = {plan.variants(load(name), "a source").trials[f"{label}-356"].folder.path for name, label in default.items()}
+    assert len(runs) == 1
+
+
+def test_a_search_begins_with_the_study_s_own_settings():
+    for name in ("search", "population"):
+        study = load(name)
+        assert study.search is not None
+        point = plan.default_point(study)
+        assert set(point) == set(study.search.space)
+        given_ = {**point, "something": "else"}
+        assert plan.Drawn(study, Path("runs")).trial(given_, "a1b2_00000").label == plan.DEFAULT
+
+
+# ---- what is refused -------------------------------------------------------------------------------------------------
+
+BAD = [
+    ("learner: {gamma: 0.9}\n", "1: learner: unknown part of a study"),
+    ("settings:\n  learner:\n    gamma: 0.9\n", "is no study"),
+    (GOOD.replace("gamma: 0.9", "gama: 0.9"), "6: learner.gama: unknown key: did you mean learner.gamma?"),
+    (GOOD.replace("gamma: 0.9", "gamma: 2"), "6: learner.gamma: must be a number in [0, 1], not 2"),
+    (GOOD.replace("env_steps: 1000", "steps: 1000"), "9: budget.steps: unknown key"),
+    (GOOD.replace("  seeds: [1, 2]\n", ""), "study.seeds is missing"),
+    (GOOD.replace("[1, 2]", "[1, 1]"), "3: study.seeds: must be a list of one or more different values"),
+    (GOOD.replace("  title: A test\n", ""), "study.title is missing"),
+    (GOOD.replace("  seeds", "  sedes: 3\n  seeds"), "3: study.sedes: unknown key"),
+    (GOOD.replace("  seeds", "  expects: [one > three]\n  seeds"), "3: study.expects: 'one > three': write LABEL"),
+    (GOOD.replace("  seeds", "  metric: loss\n  seeds"), "3: study.metric: must be eval_deterministic/return"),
+    (GOOD.replace("{learner.gamma: 0.9}", "{seed: 3}"), "either every variant sets its seed, or study.seeds"),
+    (GOOD.replace("    two: {learner.gamma: 0.9}", "    one: {learner.gamma: 0.9}"), "6: one: already set at line 5"),
+    (GOOD.replace("one:", "'one/two':"), "5: study.variants: must be up to 60 letters"),
+    (GOOD.replace("  variants:\n    one:\n    two: {learner.gamma: 0.9}\n", ""), "give variants"),
+    ("study: [1]\n", "1: study: must be keys"),
+    ("", "1: is empty"),
+]  # fmt: skip
+
+SEARCH = """study:
+  title: A search
+  seeds: [1]
+  search:
+    trials: 4
+    space:
+      learner.gamma: {uniform: [0.9, 0.99]}
+"""
+BAD_SEARCHES = [
+    (SEARCH.replace("uniform", "normal"), "7: study.search.space.learner.gamma: write {uniform"),
+    (SEARCH.replace("0.99]", "1.5]"), "7: learner.gamma: must be a number in [0, 1], not 1.5"),
+    (SEARCH.replace("[0.9, 0.99]", "[0.99, 0.9]"), "7: study.search.space.learner.gamma: needs two numbers"),
+    (SEARCH.replace("uniform: [0.9", "log: [0"), "log needs numbers above 0"),
+    (SEARCH.replace("learner.gamma", "learner.gama"), "7: learner.gama: unknown key"),
+    (SEARCH.replace("learner.gamma: {uniform: [0.9, 0.99]}", "learner.batch_size: {uniform: [1, 9]}"), "with choice"),
+    (SEARCH.replace("    trials: 4\n", ""), "needs trials"),
+    (SEARCH.replace("seeds: [1]", "seeds: [1, 2]"), "3: study.seeds: a search has one seed"),
+    (SEARCH.replace("trials: 4", "trials: 4\n    shape: round"), "6: study.search.shape: unknown key"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), BAD + BAD_SEARCHES)
+def test_what_is_wrong_is_one_line_with_its_place(
+    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    path = written(text, tmp_path)
+    assert main(["study", str(path), "--dry-run"]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.startswith(f"freemesh: {path}:")
+    assert error.count("\n") == 1
+
+
+def test_a_setting_over_what_trials_differ_in_is_refused(tmp_path: Path):
+    path = written(GOOD, tmp_path)
+    with pytest.raises(
+        ConfigError, match=r"--set learner.gamma=0.8: learner.gamma is what the study's trials differ in"
+    ):
+        load(path, ["learner.gamma=0.8"])
+    assert load(path, ["learner.tau=0.01"]).trial_config("two", 1)["learner"]["tau"] == 0.01
+
+
+def test_an_unknown_study_is_named(capsys: pytest.CaptureFixture):
+    assert main(["study", "algoritms"]) == 2
+    assert "algoritms: no such configuration" in capsys.readouterr().err
+
+
+def test_settings_of_one_training_are_no_study(capsys: pytest.CaptureFixture):
+    assert main(["study", "train_smoke"]) == 2
+    assert "unknown part of a study" in capsys.readouterr().err
+
+
+# ---- what comes of it ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_study_written_down_is_the_same_study(name: str, tmp_path: Path):
+    study = load(name, ["learner.warmup_steps=777"])
+    path = written(config.dump(study.tree()), tmp_path)
+    again = load(path)
+    assert again.tree() == study.tree()
+    for label in study.variants:
+        assert again.trial_config(label, 5) == study.trial_config(label, 5)
+
+
+def test_a_dry_run_prints_every_trial_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", "networks", "--dry-run"]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"S{i}-{seed}" in printed for i in (1, 2, 3, 4) for seed in (356, 567, 999))
+    assert "learner.hidden=[32, 128, 128, 128, 64, 32]" in printed
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_list_of_studies(capsys: pytest.CaptureFixture):
+    assert main(["study"]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in STUDIES)
+
+
+OTHER = {str: "other", bool: True, int: 7, float: 0.123}
+
+
+@given(st.sampled_from(sorted(set(SCHEMA) - set(SHORTHANDS))))
+def test_a_run_s_identity_is_all_that_decides_its_result(key: str):
+    tree = config.load()
+    flat = config.flatten(tree)
+    section, _, name = key.rpartition(".")
+    changed = {**tree, section: {**tree[section], name: OTHER}} if section else {**tree, name: "other"}
+    if section:
+        value = OTHER[SCHEMA[key].kind]
+        changed[section][name] = value if flat[key] != value else "yet another"
+    same = plan.identity(changed, "source") == plan.identity(tree, "source")
+    others = ("td3.", "ddpg.", "ppo.")  # the tree is sac's
+    assert same == key.startswith(plan.INDIFFERENT + others)
+
+
+def test_another_source_is_another_run():
+    assert plan.identity(config.load(), "one") != plan.identity(config.load(), "two")
+    assert len(plan.identity(config.load(), "one")) == 12
+
+
+def test_a_variant_s_settings_win_over_the_study_s(tmp_path: Path):
+    tree = yaml.safe_load(GOOD)
+    tree["settings"]["learner"] = {"gamma": 0.5}
+    study = load(written(yaml.safe_dump(tree), tmp_path))
+    assert [study.trial_config(label, 3)["learner"]["gamma"] for label in ("one", "two")] == [0.5, 0.9]
+    assert study.trial_config("one", 3)["seed"] == 3
+
+
+def test_a_study_goes_on_with_its_trials_as_they_were_left():
+    def entries(*statuses: str, source: str = "a") -> list[Entry]:
+        return [Entry("one", i, f"../../runs/trial-{source}{i}", status) for i, status in enumerate(statuses)]
+
+    left = merged(entries("finished", "finished", "pending"), entries("running", "pending", "failed"))
+    assert [entry.status for entry in left] == ["finished", "finished", "failed"]
+    assert [entry.shared for entry in left] == [False, True, False]  # the first is its own, the second another's
+    with pytest.raises(RunError, match="one-0: was begun from another commit"):
+        merged(entries("pending", source="b"), entries("running"))
