@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.errors import UserError
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -27,7 +29,7 @@ MAX_ELEMENT_ANGLE = 0.99 * np.pi
 DENSITIES = ("continuous", "printed", "local")
 
 
-class DomainError(ValueError):
+class DomainError(UserError, ValueError):
     """A polygon that cannot be meshed; the message names the source, the place and the fix."""
 
 

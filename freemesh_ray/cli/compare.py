@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
+
+from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, note
 
 #: Peers that can be asked for, in the order of the columns.
 NAMES = ("gmsh-default", "gmsh-8", "gmsh-full-quad", "gmsh-quasi", "netgen")
@@ -40,14 +41,14 @@ def peer_names(text: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def grammar(commands: Any) -> None:
-    """Add the command to the parser's."""
-    compare = commands.add_parser(
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
+    compare = add_command(
+        commands,
         "compare",
-        help="our meshes beside those of other meshers",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Mesh domains with our mesher and its peers, boundary segments fixed, and measure all alike.",
-        epilog=EPILOG,
+        "our meshes beside those of other meshers",
+        "Mesh domains with our mesher and its peers, boundary segments fixed, and measure all alike.",
+        EPILOG,
     )
     compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part:SEED")
     compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, comparison.csv and pictures are written")
@@ -56,9 +57,8 @@ def grammar(commands: Any) -> None:
                          help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
     compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
                          help="a mesh of another program: .inp, .msh, .vtu, .bdf and more; repeatable")  # fmt: skip
-    compare.add_argument("--policy", metavar="FILE",
-                         help=f"policy.npz of a training (default: the shipped one), or {NONE}")  # fmt: skip
-    compare.add_argument("--fix-parity", action="store_true", help="split the longest segment where a ring is odd")
+    add_policy(compare, more=f", or {NONE}")
+    add_fix_parity(compare)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -100,8 +100,3 @@ def our_mesher(options: argparse.Namespace) -> Any:
     from freemesh_ray.policies.policy import DEFAULT
 
     return ours(maker(Path(options.policy or DEFAULT)))
-
-
-def note(line: str) -> None:
-    """A line of progress."""
-    print(line, file=sys.stderr, flush=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.cli.compare import note, peer_names
+from freemesh_ray.cli.arguments import add_command, note, whole
+from freemesh_ray.cli.compare import peer_names
 
 TABLES = ("scalability", "generalisation", "quality", "observation", "density")
 
@@ -27,14 +28,14 @@ examples:
 """
 
 
-def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) -> None:
-    """Add the command to the parser's; ``whole`` makes types of whole numbers."""
-    paper = commands.add_parser(
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
+    paper = add_command(
+        commands,
         "paper",
-        help="the paper's tables, measured anew",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Measure one of the paper's tables and set it beside the printed figures.",
-        epilog=EPILOG,
+        "the paper's tables, measured anew",
+        "Measure one of the paper's tables and set it beside the printed figures.",
+        EPILOG,
     )
     paper.add_argument("table", choices=TABLES, metavar="TABLE", help=", ".join(TABLES))
     paper.add_argument("domains", nargs="*", metavar="DOMAIN", help="in place of the paper's, in their order")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from freemesh_ray.cli.arguments import add_command, note, whole
 from freemesh_ray.config.paths import Places, shown
 
 EPILOG = """\
@@ -19,14 +18,14 @@ Works while the study is under way, and says so.
 """
 
 
-def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) -> None:
-    """Add the command to the parser's; ``whole`` makes types of whole numbers."""
-    report = commands.add_parser(
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
+    report = add_command(
+        commands,
         "report",
-        help="a study's figure and table, with intervals",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Turn a study's trainings into the paper's figure and table: curves, intervals, comparisons.",
-        epilog=EPILOG,
+        "a study's figure and table, with intervals",
+        "Turn a study's trainings into the paper's figure and table: curves, intervals, comparisons.",
+        EPILOG,
     )
     report.add_argument("study", metavar="NAME", help="of a study that `freemesh study` began")
     report.add_argument("--studies", default="studies", metavar="FOLDER", help="where the studies lie (studies)")
@@ -50,8 +49,3 @@ def run(options: argparse.Namespace) -> int:
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
         print(shown(file))
     return 0
-
-
-def note(line: str) -> None:
-    """A line of progress."""
-    print(line, file=sys.stderr, flush=True)

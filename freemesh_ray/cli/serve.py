@@ -5,14 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-import sys
-from collections.abc import Callable
 from typing import Any
+
+from freemesh_ray.cli.arguments import add_command, add_policy, positive, seconds, whole
 
 #: The environment variable with the bearer token.
 TOKEN = "FREEMESH_SERVE_TOKEN"
-
-BAD_INPUT = 2
 
 EPILOG = f"""\
 examples:
@@ -25,27 +23,18 @@ served. Every parameter, limit and status is in docs/serving.md. Ctrl-C stops it
 """
 
 
-def grammar(
-    commands: Any,
-    whole: Callable[[int, int], Callable[[str], int]],
-    positive: Callable[[str], float],
-    seconds: Callable[[str], float],
-) -> None:
-    """Add the command to the parser's; the three read whole and positive numbers and durations."""
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
     from freemesh_ray.serving.limits import Limits
 
     usual = Limits()
-    serve = commands.add_parser(
-        "serve",
-        help="mesh over HTTP",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Answer GeoJSON polygons with meshes, on Ray Serve.",
-        epilog=EPILOG,
+    serve = add_command(
+        commands, "serve", "mesh over HTTP", "Answer GeoJSON polygons with meshes, on Ray Serve.", EPILOG
     )
     serve.add_argument("--host", default="127.0.0.1", metavar="H", help="address to listen on (127.0.0.1)")
     serve.add_argument("--port", type=whole(1, 65535), default=8000, metavar="P", help="port to listen on (8000)")
     serve.add_argument("--replicas", type=whole(1, 256), default=1, metavar="N", help="meshes made at a time (1)")
-    serve.add_argument("--policy", metavar="FILE", help="policy.npz of a training (default: the shipped ones)")
+    add_policy(serve, "the shipped ones")
     limits = serve.add_argument_group("limits of a request")
     limits.add_argument("--max-body-mb", type=positive, default=usual.body_bytes / 1e6, metavar="MB",
                         help=f"size of a polygon ({usual.body_bytes / 1e6:g})")  # fmt: skip
@@ -60,6 +49,7 @@ def run(options: argparse.Namespace) -> int:
 
     Raises:
         PolicyError: the policy file cannot be used.
+        ServiceError: the service cannot be started, or not as it is asked for.
         KeyboardInterrupt: Ctrl-C.
     """
     from freemesh_ray.policies.policy import SHIPPED, Policy
@@ -81,9 +71,6 @@ def run(options: argparse.Namespace) -> int:
             token=digest(token) if token else None,
         ):  # fmt: skip
             _wait(options, bool(token))
-    except ServiceError as error:
-        print(f"freemesh: {error}", file=sys.stderr)
-        return BAD_INPUT
     except SystemExit:
         pass  # SIGTERM: a handler of ours, or of Ray's while it starts
     return 0

@@ -8,6 +8,7 @@ from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from freemesh_ray.cli.arguments import add_command, add_settings
 from freemesh_ray.config.paths import shown
 from freemesh_ray.formatting.table import table
 
@@ -29,19 +30,17 @@ cores for. A training that another study has done already, with the same setting
 """
 
 
-def grammar(commands: Any) -> None:
-    """Add the command to the parser's."""
-    study = commands.add_parser(
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
+    study = add_command(
+        commands,
         "study",
-        help="run a study of many trainings",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Run a study on Ray Tune, track it in MLflow and report on it.",
-        epilog=EPILOG,
+        "run a study of many trainings",
+        "Run a study on Ray Tune, track it in MLflow and report on it.",
+        EPILOG,
     )
     study.add_argument("study", nargs="?", metavar="STUDY", help="a name (without one: the list), or a YAML file")
-    study.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of all trials; repeatable"
-    )
+    add_settings(study, "of all trials")
     study.add_argument("--resume", action="store_true", help="go on where it stopped, if it was begun")
     study.add_argument("--dry-run", action="store_true", help="print the trials and stop")
     study.add_argument("--smoke", action="store_true", help="the whole path with tiny trainings")

@@ -8,18 +8,19 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from freemesh_ray import config
+from freemesh_ray.cli import study, train
+from freemesh_ray.cli.arguments import Parser, add_command, whole
 from freemesh_ray.config import paths
+from freemesh_ray.errors import INTERRUPTED
 from freemesh_ray.jobs import server
 from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
 from freemesh_ray.training.run_folder import RunError
-
-INTERRUPTED = 130
 
 EPILOG = """\
 examples:
@@ -32,14 +33,14 @@ submitted again: runs and studies lie below --home, on storage that all nodes se
 """
 
 
-def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) -> None:
-    """Add the command to the parser's; ``whole`` makes types of whole numbers."""
-    submit = commands.add_parser(
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
+    submit = add_command(
+        commands,
         "submit",
-        help="train or study as a job on a Ray cluster",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Submit a training or a study to a Ray cluster as a job, and follow its logs.",
-        epilog=EPILOG,
+        "train or study as a job on a Ray cluster",
+        "Submit a training or a study to a Ray cluster as a job, and follow its logs.",
+        EPILOG,
     )
     submit.add_argument("--address", metavar="URL", help="of the cluster's dashboard (RAY_API_SERVER_ADDRESS, "
                         "RAY_ADDRESS, else http://127.0.0.1:8265)")  # fmt: skip
@@ -55,18 +56,14 @@ def grammar(commands: Any, whole: Callable[[int, int], Callable[[str], int]]) ->
     submit.add_argument("line", nargs=argparse.REMAINDER, metavar="-- train|study ...", help="what to run")
 
 
-def run(options: argparse.Namespace, parse: Callable[[Sequence[str]], argparse.Namespace]) -> int:
+def run(options: argparse.Namespace) -> int:
     """Check, print and run the line; the exit code is that of ``ray job submit``.
-
-    Args:
-        options: the command's.
-        parse: the parser of whole ``freemesh`` lines.
 
     Raises:
         ConfigError, RunError, DomainError: what is wrong with the input.
     """
     command = options.line[1:] if options.line[:1] == ["--"] else options.line
-    name = checked(command, parse)
+    name = checked(command)
     url = server.address(options.address)
     variables = {
         paths.HOME: options.home, paths.STORE: options.tracking,
@@ -93,7 +90,16 @@ def follow(line: Sequence[str]) -> int:
     return subprocess.run([str(Path(sys.executable).with_name("ray")), *line[1:]]).returncode
 
 
-def checked(command: Sequence[str], parse: Callable[[Sequence[str]], argparse.Namespace]) -> str:
+def line_parser() -> argparse.ArgumentParser:
+    """The grammar of the lines that can be submitted."""
+    top = Parser(prog="freemesh")
+    commands = top.add_subparsers(dest="command", required=True, parser_class=Parser)
+    for command in (train, study):
+        command.add(commands)
+    return top
+
+
+def checked(command: Sequence[str]) -> str:
     """The name of what a line would run, once it is known that it can be.
 
     Raises:
@@ -103,7 +109,7 @@ def checked(command: Sequence[str], parse: Callable[[Sequence[str]], argparse.Na
         raise RunError("submit: give what to run: -- train ..., or -- study NAME ...")
     if not (RUNTIME_ENV.is_file() and Path("freemesh_ray").is_dir()):
         raise RunError(f"{Path.cwd()}: is no checkout of freemesh-ray, whose code a job is: submit from one")
-    options = parse(command)
+    options = line_parser().parse_args(command)
     if options.command == "train":
         from freemesh_ray.training.job import check_stages
 
@@ -111,14 +117,13 @@ def checked(command: Sequence[str], parse: Callable[[Sequence[str]], argparse.Na
         check_stages(settings)
         name = settings["name"]
     else:
-        from freemesh_ray.cli.study import check
         from freemesh_ray.studies.definition import load
 
         if options.study is None:
             raise RunError("submit: study: give a study's name, or its YAML file")
-        files, study = [options.study], load(options.study, options.set, smoke=options.smoke)
-        check(study)
-        name = study.name
+        files, studied = [options.study], load(options.study, options.set, smoke=options.smoke)
+        study.check(studied)
+        name = studied.name
     for file in files:
         if Path(file).is_absolute() or ".." in Path(file).parts:
             raise RunError(f"{file}: lies outside the folder that is uploaded: copy it into {Path.cwd()}")

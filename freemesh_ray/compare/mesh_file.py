@@ -14,6 +14,7 @@ from freemesh_ray.compare.abaqus_file import read_abaqus
 from freemesh_ray.compare.confined import read_confined
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
+from freemesh_ray.errors import UserError
 
 #: meshio's names for elements that are compared, and how many corners they have; nodes beyond those are left out.
 QUADS = ("quad", "quad8", "quad9")
@@ -29,7 +30,7 @@ MOST_BYTES = 200_000_000
 BOX_TOLERANCE = 1e-3
 
 
-class MeshFileError(ValueError):
+class MeshFileError(UserError, ValueError):
     """A mesh file that cannot be used; one line with its name and the fix."""
 
 

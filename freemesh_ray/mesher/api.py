@@ -91,7 +91,7 @@ def mesh(
     """Mesh a polygon.
 
     Args:
-        polygon: a shapely Polygon, an (n, 2) array, or what else ``envs.domains.load.from_shape`` takes, of one polygon.
+        polygon: a shapely Polygon, an (n, 2) array, or what else ``domains.load.from_shape`` takes, of one polygon.
             Its vertices are the boundary's vertices unless ``edge_length`` is given.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
         grading: largest over smallest piece; 1: all alike.

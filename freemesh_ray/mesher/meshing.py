@@ -17,6 +17,7 @@ from envs.filling.convex_fill import FillError, fill
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Domain
+from freemesh_ray.errors import FAILED, UserError
 from freemesh_ray.finish import finish
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.policies.policy import Policy
@@ -28,8 +29,10 @@ ATTEMPTS = 3
 EXPLORATION = 0.05
 
 
-class MeshingError(RuntimeError):
+class MeshingError(UserError, RuntimeError):
     """A domain that has no valid mesh in floating point."""
+
+    exit_code = FAILED
 
 
 @dataclass(frozen=True)

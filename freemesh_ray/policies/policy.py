@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from envs.types import MeshingParameters
+from freemesh_ray.errors import UserError
 from freemesh_ray.storage.array_archive import read_arrays
 from freemesh_ray.storage.atomic import replacing
 
@@ -37,7 +38,7 @@ LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
 LARGEST_OBSERVATION = 1e3
 
 
-class PolicyError(ValueError):
+class PolicyError(UserError, ValueError):
     """A policy file that cannot be used; the message names the file and the fix."""
 
 

@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from freemesh_ray.errors import UserError
 
-class OutputError(ValueError):
+
+class OutputError(UserError, ValueError):
     """A file that cannot be written; one line with its name, what is wrong and the fix."""
 
 

@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from freemesh_ray.errors import FAILED, UserError
+
 log = logging.getLogger(__name__)
 
 #: MLflow's limits for one request, and ours for one parameter's text.
@@ -31,8 +33,10 @@ REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_
 SQLITE = "sqlite:///"
 
 
-class TrackingError(RuntimeError):
+class TrackingError(UserError, RuntimeError):
     """The store cannot be reached; one line with its address, the reason and the fix."""
+
+    exit_code = FAILED
 
 
 def unreachable(uri: str, error: BaseException) -> TrackingError:

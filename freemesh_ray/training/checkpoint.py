@@ -12,13 +12,14 @@ import shutil
 from pathlib import Path
 from typing import Any, Protocol
 
+from freemesh_ray.errors import UserError
 from freemesh_ray.storage import state_file
 
 PROGRESS = "progress.json"
 STATE = "state.npz"
 
 
-class CheckpointError(RuntimeError):
+class CheckpointError(UserError, RuntimeError):
     """There is no checkpoint to go on from, or it cannot be read; the message names the folder and the fix."""
 
 

@@ -18,16 +18,19 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from freemesh_ray.errors import FAILED, UserError
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.training import checkpoint
 
 
-class RunError(RuntimeError):
+class RunError(UserError, RuntimeError):
     """A run that cannot begin or go on; one line with its folder, what is wrong and the fix."""
 
 
-class TrainingError(RuntimeError):
+class TrainingError(UserError, RuntimeError):
     """A run that fails again and again; one line with its folder, the last reason and where it can go on."""
+
+    exit_code = FAILED
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ KERNELS, PLATFORM_KERNELS = kernels(PACKAGE), kernels(PLATFORM)
 
 def copied(package: Path, parent: Path) -> Path:
     """A copy of a package's sources."""
-    ignored = shutil.ignore_patterns("__pycache__", "domains")
+    ignored = shutil.ignore_patterns("__pycache__", "catalogue")
     return Path(shutil.copytree(package, parent / package.name, ignore=ignored))
 
 
@@ -66,7 +66,9 @@ def append(path: Path, text: str) -> None:
 
 
 def test_there_are_kernels_in_many_files() -> None:
-    assert {"front.py", "action.py", "observation.py", "transition.py"} < set(KERNELS)
+    assert {str(Path("mdp", name)) for name in ("front.py", "action.py", "observation.py", "transition.py")} < set(
+        KERNELS
+    )
     assert {str(Path("kernels", name)) for name in ("geometry.py", "slot_tree.py")} < set(KERNELS)
 
 
@@ -91,7 +93,7 @@ def test_a_change_of_the_kernels_below_is_a_new_folder_for_the_platform(copy: Pa
     assert folder_of(copy, platform) != before
 
 
-@pytest.mark.parametrize("name", ["policy.py", "bench/sampling.py", "algorithms/sac.py"])
+@pytest.mark.parametrize("name", ["policies/policy.py", "bench/sampling.py", "algorithms/sac.py"])
 def test_a_change_elsewhere_on_the_platform_keeps_its_folder(copy: Path, platform: Path, name: str) -> None:
     before = folder_of(copy, platform)
     append(platform / name, "\n# changed\n")

@@ -1,0 +1,126 @@
+"""``freemesh mesh``: a polygon's file in, a mesh's files out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
+
+if TYPE_CHECKING:
+    from freemesh_ray.mesher.api import Mesh
+
+#: A mean element quality below this deserves a word on the boundary.
+POOR = 0.5
+
+#: Elements that it took more than the policy to find, by where they came from.
+REMEDIES = ("next vertex", "wide", "filled")
+
+DESCRIPTION = """\
+Mesh a polygon: a file (GeoJSON, WKT, DXF, CSV, Gmsh .geo or .msh, JSON list of [x, y]; see docs/polygons.md), a name
+of the catalogue, random:SEED or part:SEED.
+"""
+
+EPILOG = """\
+examples:
+  freemesh mesh part.geojson -o part.inp
+  freemesh mesh part.dxf --edge-length 2.5 --grading 3 -o part.msh -o part.png
+  freemesh mesh D4 -o d4.html                     a replay of the mesh growing
+  freemesh mesh D4 --best-of 8 --quadratic -o d4.bdf
+
+Of several polygons in a file, each gets a file of its own: part-0.inp, part-1.inp, ...
+"""
+
+
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
+    mesh = add_command(commands, "mesh", "mesh a polygon", DESCRIPTION, EPILOG)
+    mesh.add_argument("domain", metavar="POLYGON")
+    mesh.add_argument("-o", "--output", required=True, action="append", metavar="OUT",
+                      help="file to write: .inp .msh .vtu .bdf .obj (mesh), .png .svg (picture), .html (replay); "
+                      "repeatable")  # fmt: skip
+    boundary = mesh.add_argument_group("boundary")
+    boundary.add_argument("--edge-length", type=positive, metavar="L",
+                          help="split the outline into pieces of about this length; corners stay "
+                          "(default: its vertices as they are)")  # fmt: skip
+    boundary.add_argument("--grading", type=positive, default=1.0, metavar="RATIO",
+                          help="largest over smallest piece: finer at corners and small features (1)")  # fmt: skip
+    add_fix_parity(boundary)
+    quality = mesh.add_argument_group("quality")
+    quality.add_argument("--best-of", type=whole(1, 1000), default=1, metavar="K", help="the best of K meshes (1)")
+    quality.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of all draws (0)")
+    quality.add_argument("--no-smooth", dest="smooth", action="store_false", help="leave vertices where they were put")
+    quality.add_argument("--no-clean", dest="clean", action="store_false", help="leave irregular vertices")
+    quality.add_argument("--search", action="store_true",
+                         help="for each element the best of several of the policy's draws, not its mean")  # fmt: skip
+    quality.add_argument("--density", choices=["sparse", "medium", "dense"], default="medium",
+                         help="how large elements grow inside (medium)")  # fmt: skip
+    add_policy(quality, "the shipped one of that density")
+    files = mesh.add_argument_group("files")
+    files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
+    files.add_argument("--msh-version", choices=["4.1", "2.2"], default="4.1", help="of .msh files (4.1)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Mesh, write, and print a line for each polygon.
+
+    Raises:
+        DomainError, PolicyError, OutputError: what is wrong with the input.
+        MeshingError: a domain that has no valid mesh.
+    """
+    from envs.domains.load import load_all
+    from freemesh_ray.mesher.api import SUFFIXES, mesh_domain
+    from freemesh_ray.policies.policy import SHIPPED, Policy
+
+    outputs = [Path(output) for output in options.output]
+    check_outputs(outputs, SUFFIXES)
+    domains = load_all(
+        options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading
+    )
+    policy = Policy.load(options.policy or SHIPPED[options.density])
+    wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
+    for i, domain in enumerate(domains):
+        mesh = mesh_domain(domain, policy, **wishes)
+        paths = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
+        for path in paths:
+            mesh.write(path, version=options.msh_version, quadratic=options.quadratic)
+        figures = mesh.quality()
+        print(mesh_line(mesh, figures, paths))
+        if options.edge_length is None and figures["eta"] < POOR:
+            print(
+                f"{domain.name}: the {len(domain.segments)} boundary segments are coarse or uneven; "
+                "--edge-length L splits them evenly",
+                file=sys.stderr,
+            )
+    return 0
+
+
+def check_outputs(paths: Sequence[Path], known: Sequence[str]) -> None:
+    """Before any work: every output has a known format and a place that can be written to.
+
+    Raises:
+        OutputError: one has not.
+    """
+    from freemesh_ray.storage.atomic import OutputError, check_writable
+
+    for path in paths:
+        if path.suffix.lower() not in known:
+            raise OutputError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(known)}")
+        check_writable(path)
+
+
+def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> str:
+    """A line on a mesh that was written, with its ``quality()``, and one on what recovery it needed, if any."""
+    made = mesh.made
+    line = (
+        f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
+        f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "
+        f"{figures['singularity']:.0f} irregular nodes -> {', '.join(map(str, outputs))}"
+    )
+    helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
+    if made.detours:
+        helped.append(f"{made.detours} detours")
+    return f"{line}\n{' ' * len(mesh.name)}  recovery: {', '.join(helped)}" if helped else line

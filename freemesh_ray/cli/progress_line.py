@@ -1,0 +1,55 @@
+"""The line that a training shows while it runs."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import time
+from typing import TYPE_CHECKING, TextIO
+
+from freemesh_ray.formatting.table import duration, number
+
+if TYPE_CHECKING:
+    from freemesh_ray.training.loop import Status
+
+#: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
+LOG_INTERVAL = 15.0
+
+
+class ProgressLine:
+    """One line that is overwritten on a terminal, and written anew now and then elsewhere."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._live = stream.isatty()
+        self._width = 0
+        self._last = -math.inf
+
+    def show(self, status: Status) -> None:
+        """Show the figures."""
+        line = (
+            f"{status.stage}  step {status.env_steps:,}/{status.budget_steps:,}"
+            f"  return {number(status.mean_return, '.1f')}  done {number(status.completion_rate, '.0%')}"
+            f"  {status.updates_per_second:.0f} updates/s  {duration(status.seconds_left)} left"
+        )
+        if self._live:
+            # A line that wraps could not be overwritten.
+            line = line[: shutil.get_terminal_size().columns - 1]
+            self._stream.write("\r" + line.ljust(self._width))
+            self._width = len(line)
+        elif time.monotonic() - self._last >= LOG_INTERVAL:
+            self._stream.write(line + "\n")
+            self._last = time.monotonic()
+        self._stream.flush()
+
+    def note(self, text: str) -> None:
+        """A line that stays."""
+        self.finish()
+        self._stream.write(text + "\n")
+        self._stream.flush()
+
+    def finish(self) -> None:
+        """End the live line."""
+        if self._live and self._width:
+            self._stream.write("\r" + " " * self._width + "\r")
+            self._width = 0

@@ -1,0 +1,139 @@
+"""``freemesh train``: one training, and the meshes of its best policy."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from freemesh_ray.cli.arguments import add_command, add_settings
+
+if TYPE_CHECKING:
+    from freemesh_ray.training.job import Trained
+
+EPILOG = """\
+examples:
+  freemesh train --config train_default.yaml --resume
+  freemesh train --set name=try --set curriculum.stages='[T1]' --set budget.minutes=5
+
+Files named without a folder are looked for in tune_configs, too. Every key and its meaning stands in
+tune_configs/defaults.yaml. Ctrl-C saves a checkpoint; the same command with --resume goes on from it.
+"""
+
+COLUMNS = (
+    ("elements", "elements", ".0f"),
+    ("eta", "eta", ".3f"),
+    ("eta_p5", "eta p5", ".3f"),
+    ("eta_min", "eta min", ".3f"),
+    ("singularity", "irregular", ".0f"),
+    ("scaled_jacobian", "scaled Jac.", ".3f"),
+    ("triangles", "triangles", ".0f"),
+)
+
+
+def add(commands: Any) -> None:
+    """Add the command to the grammar."""
+    train = add_command(
+        commands,
+        "train",
+        "train a policy",
+        "Train a policy, keep the best one, and mesh every training domain with it.",
+        EPILOG,
+    )
+    train.add_argument(
+        "--config", action="append", default=[], metavar="FILE", help="YAML overlay on the defaults; repeatable"
+    )
+    add_settings(train, "of the training")
+    train.add_argument("--resume", action="store_true", help="go on from the run's last checkpoint, if there is one")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train, and print what came of it.
+
+    Raises:
+        ConfigError, DomainError, RunError, CheckpointError: what is wrong with the input.
+        TrainingError: the training failed.
+    """
+    from freemesh_ray import config
+    from freemesh_ray.algorithms.device import check
+    from freemesh_ray.cli.progress_line import ProgressLine
+    from freemesh_ray.config.paths import Places
+    from freemesh_ray.local_ray import local_ray
+    from freemesh_ray.training.job import prepare, train
+
+    settings = Places.here().settled(config.load(options.config, options.set))
+    check(settings["learner"])
+    prepare(settings, options.resume)
+    progress = ProgressLine(sys.stdout)
+    with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
+        from freemesh_ray.algorithms.build import build
+
+        stop = StopSignal()
+        trained = train(
+            settings,
+            resume=options.resume,
+            make=build,
+            report=progress.show,
+            note=progress.note,
+            interrupted=stop.was_given,
+        )
+    progress.finish()
+    print(train_table(trained, settings))
+    return 0
+
+
+class StopSignal:
+    """Ctrl-C, or a scheduler's SIGTERM: remembered, so that training stops between two iterations and loses nothing.
+
+    A second one interrupts at once. To be made after Ray is started, which sets a handler of its own.
+    """
+
+    def __init__(self) -> None:
+        self._given = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._remember)
+
+    def _remember(self, number: int, frame: object) -> None:
+        if self._given:
+            raise KeyboardInterrupt
+        self._given = True
+
+    def was_given(self) -> bool:
+        """Whether to stop."""
+        return self._given
+
+
+def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
+    """What a training ends with."""
+    from freemesh_ray.config.paths import shown
+    from freemesh_ray.formatting.table import duration, table
+
+    rows = [
+        [
+            entry.domain,
+            "yes" if entry.mesh is not None else "no",
+            *(format(entry.figures[key], form) if entry.figures else "-" for key, _, form in COLUMNS),
+        ]
+        for entry in trained.produced
+    ]
+    progress = trained.progress
+    lines = [
+        "",
+        table(["domain", "completed", *(title for _, title, _ in COLUMNS)], rows),
+        "",
+        f"trained {progress.env_steps:,} steps, {progress.updates:,} updates in {duration(progress.seconds)}"
+        f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s)",
+        f"best policy from step {progress.best_steps:,}",
+        f"policy      {shown(trained.policy)}",
+        f"checkpoint  {shown(trained.checkpoint)}",
+        f"curve       {shown(trained.curve)}",
+    ]
+    lines += [f"{entry.domain:<11} {'  '.join(map(shown, entry.files)) or entry.reason}" for entry in trained.produced]
+    tracking = config["tracking"]
+    if tracking["enabled"]:
+        uri = shown(tracking["uri"])
+        local = uri.startswith("sqlite")
+        lines.append(f"compare     {f'.venv/bin/mlflow ui --backend-store-uri {uri}' if local else uri}")
+    return "\n".join(lines)
