@@ -1,22 +1,35 @@
+# make install          .venv with everything pinned; two to five minutes
 # make train            the main job: about 20 minutes on two cores after the installation
 # make train BUDGET=paper    the paper's 1.2 million steps
-# make test             the checks and the whole test suite
+# make lint             what is checked without running the code
+# make quick            lint and the fast tests: what a change is tried with
+# make test             lint and all tests: what CI runs
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BUDGET ?= default
+CORES := $(shell nproc 2> /dev/null || echo 2)
 BIN := .venv/bin
+# A worker takes whole files, so that what a file sets up is set up once.
+PYTEST := $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
 
-.PHONY: train test clean
+.PHONY: install train lint quick test clean
+
+install: .venv/.installed
 
 train: .venv/.installed
 	$(BIN)/freemesh train --config train_$(BUDGET).yaml --resume
 
-test: .venv/.installed
+lint: .venv/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
+
+quick: lint
+	$(PYTEST) -m "not slow"
+
+test: lint
+	$(PYTEST)
 
 # torch first, by its exact pin: what asks for it later is then content with the CPU build.
 .venv/.installed: requirements.lock pyproject.toml
@@ -28,4 +41,4 @@ test: .venv/.installed
 	touch $@
 
 clean:
-	rm -rf .venv .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf .venv .pytest_cache .ruff_cache .mypy_cache .hypothesis .import_linter_cache

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from freemesh_ray.mesher.api import Mesh, mesh
 
+    __version__: str
+
 __all__ = ["Mesh", "mesh"]
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
@@ -21,4 +22,8 @@ def __getattr__(name: str) -> Any:
         from freemesh_ray.mesher import api
 
         return getattr(api, name)
+    if name == "__version__":  # it stands in pyproject.toml alone
+        from importlib.metadata import version
+
+        return version("freemesh-ray")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
