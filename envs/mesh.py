@@ -23,7 +23,7 @@ def edges_of(*blocks: Ints) -> tuple[Ints, Ints]:
     return np.stack(np.divmod(keys, base), axis=1), counts
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Mesh:
     """Vertices and counter-clockwise quadrilaterals.
 
@@ -40,6 +40,10 @@ class Mesh:
     quads: Ints
     segments: Ints
     complete: bool
+
+    def __repr__(self) -> str:
+        state = "" if self.complete else ", not complete"
+        return f"<{type(self).__name__} {self.name}: {len(self.quads)} quads, {len(self.vertices)} vertices{state}>"
 
     @property
     def triangles(self) -> Ints:

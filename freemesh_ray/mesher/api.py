@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from envs.domains.load import from_shape
+from envs.domains.load import from_shape, load_all
 from envs.mesh import Mesh as PlainMesh
 from envs.types import Domain, DomainError
 from freemesh_ray import export, plots
@@ -20,7 +20,7 @@ from freemesh_ray.policies.policy import DEFAULT, SHIPPED, Policy
 SUFFIXES = (*export.SUFFIXES, *plots.SUFFIXES, replay.SUFFIX)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Mesh(PlainMesh):
     """An all-quad mesh, finished.
 
@@ -34,7 +34,17 @@ class Mesh(PlainMesh):
     made: Made
 
     def quality(self) -> dict[str, float]:
-        """The eight metrics and more, by name (see metrics.measure)."""
+        """The mesh in numbers, by name; docs/glossary.md explains them.
+
+        Returns:
+            elements: their number.
+            eta, eta_p5, eta_min: element quality, 0 to 1 (a square): mean, 5th percentile, least.
+            singularity: irregular nodes, interior nodes with other than four edges; a number.
+            min_angle, max_angle: mean |least angle - 90| and |largest angle - 90|, degrees; 0 is best.
+            scaled_jacobian: -1 to 1 (a rectangle); stretch: 0 to 1 (a square); taper: 0 (a parallelogram) and above.
+            triangles, non_convex: numbers, always 0.
+            And ``_authors``, ``_paper``: the same by other definitions (see ``meshes.metrics.measure``).
+        """
         return measure(self)
 
     def plot(self, path: str | os.PathLike[str]) -> None:
@@ -83,7 +93,7 @@ def mesh(
     edge_length: float | None = None,
     grading: float = 1.0,
     fix_parity: bool = False,
-    name: str = "polygon",
+    name: str | None = None,
     density: str = "medium",
     policy: Policy | None = None,
     **options: Any,
@@ -91,13 +101,13 @@ def mesh(
     """Mesh a polygon.
 
     Args:
-        polygon: a shapely Polygon, an (n, 2) array, or what else ``domains.load.from_shape`` takes, of one polygon.
-            Its vertices are the boundary's vertices unless ``edge_length`` is given.
+        polygon: a file's path, a shapely Polygon, an (n, 2) array, or what else ``domains.load.load_all`` and
+            ``from_shape`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
         grading: largest over smallest piece; 1: all alike.
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
             never is).
-        name: what messages and files call it.
+        name: what messages and files call it; by default the file's name, or ``polygon``.
         density: ``sparse``, ``medium`` or ``dense``: how large elements grow inside.
         policy: the shipped one of that density by default.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.make.
@@ -105,11 +115,18 @@ def mesh(
     Raises:
         DomainError: not one polygon, or one that cannot be meshed; one line with the place and the fix.
     """
-    domains = from_shape(polygon, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+    if isinstance(polygon, str | os.PathLike):
+        domains = load_all(polygon, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+    else:
+        domains = from_shape(
+            polygon, name or "polygon", fix_parity=fix_parity, edge_length=edge_length, grading=grading
+        )
     if len(domains) != 1:
-        raise DomainError(f"{name}: {len(domains)} polygons where one is needed; mesh them one by one")
+        source = name or (polygon if isinstance(polygon, str | os.PathLike) else "polygon")
+        raise DomainError(f"{source}: {len(domains)} polygons where one is needed; mesh them one by one")
+    domain = domains[0] if name is None else replace(domains[0], name=name)
     if policy is None:
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
-    return mesh_domain(domains[0], policy, **options)
+    return mesh_domain(domain, policy, **options)

@@ -16,8 +16,8 @@ import yaml
 
 from freemesh_ray import config
 from freemesh_ray.config import ConfigError, Field, Layer
-from freemesh_ray.policies.evaluation import FIGURES, KINDS
 from freemesh_ray.config.paths import Places
+from freemesh_ray.policies.evaluation import FIGURES, KINDS
 from freemesh_ray.studies.space import Space, read_space
 
 LABEL = Field(str, pattern=r"[\w.+=, -]{1,60}", hint="up to 60 letters, digits, spaces and . + = , _ -")

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from freemesh_ray.config import SCHEMA, flatten
-from freemesh_ray.training.run_folder import RunFolder
 from freemesh_ray.studies.definition import Study
+from freemesh_ray.training.run_folder import RunFolder
 
 #: Names of algorithms, which are also the sections of what is theirs alone.
 ALGORITHMS = SCHEMA["algorithm"].words

@@ -12,10 +12,10 @@ from typing import Any
 from ray.tune import Callback
 from ray.tune.experiment import Trial as TuneTrial
 
-from freemesh_ray.studies.study_folder import OVER, Entry, StudyFolder
-from freemesh_ray.studies.plan import Plan, Trial
-from freemesh_ray.studies.trainable import FINISHED
 from freemesh_ray.formatting.table import duration, number
+from freemesh_ray.studies.plan import Plan, Trial
+from freemesh_ray.studies.study_folder import OVER, Entry, StudyFolder
+from freemesh_ray.studies.trainable import FINISHED
 
 #: Seconds between two lines on how far the running trials are.
 INTERVAL = 15.0

@@ -18,17 +18,17 @@ from ray import tune
 from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
 from freemesh_ray.config import flatten
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.tracking.provenance import source
-from freemesh_ray.training.run_folder import RunError
-from freemesh_ray.studies.study_folder import OVER, Entry, StudyFolder
 from freemesh_ray.studies import search
-from freemesh_ray.studies.progress import Board, name_of
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.studies.plan import Drawn, Plan, Variants, variants
+from freemesh_ray.studies.progress import Board, name_of
+from freemesh_ray.studies.study_folder import OVER, Entry, StudyFolder
 from freemesh_ray.studies.trainable import TrialRun, finished
 from freemesh_ray.tracking import Run, share
+from freemesh_ray.tracking.provenance import source
 from freemesh_ray.training.job import tags
 from freemesh_ray.training.loop import Algorithm
+from freemesh_ray.training.run_folder import RunError
 
 #: Checkpoints kept of each trial: Tune's record of them is a second old at most, and population based training copies
 #: from one while its trial goes on.

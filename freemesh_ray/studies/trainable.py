@@ -11,14 +11,14 @@ from typing import Any
 
 from ray import tune
 
-from freemesh_ray.training import checkpoint
-from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.config import dump, flatten
-from freemesh_ray.training.run_folder import RunFolder
+from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.tracking import Run
+from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import deliver, tags
 from freemesh_ray.training.loop import Algorithm, Training
+from freemesh_ray.training.run_folder import RunFolder
 
 #: What says that a run folder's training came to its end, with its last figures; written last of all.
 FINISHED = "finished.json"

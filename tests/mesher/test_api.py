@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from checkout import ROOT
 
 import freemesh_ray
 from envs.domains.load import load
@@ -46,6 +47,20 @@ def test_units_and_scale_are_kept(scale: float) -> None:
     made = freemesh_ray.mesh(scale * OUTLINE, edge_length=0.25 * scale)
     assert made.defects(area=scale**2 * shapely.Polygon(OUTLINE).area) == []
     assert np.ptp(made.vertices, axis=0) == pytest.approx(scale * np.ptp(OUTLINE, axis=0))
+
+
+def test_a_file_is_a_polygon_too() -> None:
+    file = ROOT / "docs" / "examples" / "part.geojson"
+    mesh = freemesh_ray.mesh(file)
+    assert (mesh.name, freemesh_ray.mesh(str(file), name="plate").name) == ("part", "plate")
+    assert len(mesh.segments) == len(load(str(file)).segments)
+    with pytest.raises(DomainError, match=r"nowhere\.geojson"):
+        freemesh_ray.mesh("nowhere.geojson")
+
+
+def test_a_mesh_is_shown_in_one_line(mesh: freemesh_ray.Mesh) -> None:
+    assert repr(mesh) == f"<Mesh polygon: {len(mesh.quads)} quads, {len(mesh.vertices)} vertices>"
+    assert "\n" not in repr(mesh.made.raw)
 
 
 def test_holes_are_kept() -> None:

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from freemesh_ray import config
 from freemesh_ray.cli.command import main
 from freemesh_ray.config import SCHEMA, SHORTHANDS, ConfigError
-from freemesh_ray.training.run_folder import RunError
-from freemesh_ray.studies.study_folder import Entry
 from freemesh_ray.studies import plan
 from freemesh_ray.studies.definition import load, shipped
 from freemesh_ray.studies.runner import merged
+from freemesh_ray.studies.study_folder import Entry
+from freemesh_ray.training.run_folder import RunError
 
 STUDIES = {
     "algorithms": 12, "domains": 12, "networks": 12, "seeds": 5, "observation": 9, "radius": 9, "density": 18,
