@@ -24,6 +24,7 @@ from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.bench import gpu
 from freemesh_ray.cli import command
 from freemesh_ray.config import ConfigError
+from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.studies import runner
 
 DEVICES = [
@@ -160,7 +161,7 @@ def test_a_training_that_wants_a_missing_gpu_begins_nothing(
 ) -> None:
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 0)
     monkeypatch.chdir(tmp_path)
-    assert command.main(["train", "--set", "learner.device=cuda"]) == command.BAD_INPUT
+    assert command.main(["train", "--set", "learner.device=cuda"]) == BAD_INPUT
     assert capsys.readouterr().err == "freemesh: learner.device: cuda needs 1 GPU(s), there are 0: use auto or cpu\n"
     assert not list(tmp_path.iterdir())
 

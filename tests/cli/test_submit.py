@@ -14,6 +14,7 @@ import yaml
 from processes import ROOT, free_port
 
 from freemesh_ray.cli import command, submit
+from freemesh_ray.errors import INTERRUPTED
 from freemesh_ray.jobs import server
 from freemesh_ray.jobs.submit_line import RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
@@ -156,7 +157,7 @@ def test_who_stops_following_is_told_how_to_stop_the_job(
 
     monkeypatch.setattr(server, "ask", lambda url: None)
     monkeypatch.setattr(submit, "follow", follow)
-    assert command.main(["submit", "--address", "http://head:8265", "--", "train"]) == command.INTERRUPTED
+    assert command.main(["submit", "--address", "http://head:8265", "--", "train"]) == INTERRUPTED
     out, err = capsys.readouterr()
     assert ran == [shlex.split(out)], "what is run is what is printed"
     job = value(ran[0], "--submission-id")

@@ -10,6 +10,7 @@ import yaml
 from freemesh_ray import config
 from freemesh_ray.cli import command
 from freemesh_ray.config.paths import HOME, JOB, STORE, Places, shown
+from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.studies.definition import load
 from freemesh_ray.studies.plan import variants
 from freemesh_ray.studies.runner import plan_of
@@ -90,7 +91,7 @@ def test_the_command_finds_a_study_below_the_home(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv(HOME, "/elsewhere")
-    assert command.main(["report", "two"]) == command.BAD_INPUT
+    assert command.main(["report", "two"]) == BAD_INPUT
     assert "/elsewhere/studies/two" in capsys.readouterr().err
 
 

@@ -13,6 +13,7 @@ from recorded_study import algorithms
 from freemesh_ray import config
 from freemesh_ray.cli import command as cli
 from freemesh_ray.config import ConfigError
+from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.report.results import ResultsError, read
 from freemesh_ray.studies import definition
 from freemesh_ray.studies.study_folder import StudyFolder
@@ -107,7 +108,7 @@ def test_damaged_lists_of_trials_are_one_line_of_the_command(
 ) -> None:
     (study / "trials.json").write_text(text)
     arguments = {"sync": [str(study)], "report": [study.name, "--studies", str(study.parent)]}[command]
-    assert cli.main([command, *arguments]) == cli.BAD_INPUT
+    assert cli.main([command, *arguments]) == BAD_INPUT
     error = capsys.readouterr().err
     assert error.startswith(f"freemesh: {study / 'trials.json'}: is not a list of trials")
     assert error.count("\n") == 1

@@ -14,6 +14,7 @@ import pytest
 
 from envs.domains.load import load
 from freemesh_ray.cli import command
+from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements, draw_settings
 from freemesh_ray.policies.evaluation import run_episodes
@@ -400,7 +401,7 @@ def test_the_command_prints_the_files(small: Path, capsys):
 
 
 def test_an_unknown_study_is_one_line_with_what_is_there(small: Path, capsys):
-    assert command.main(["report", "smal", "--studies", str(small.parent)]) == command.BAD_INPUT
+    assert command.main(["report", "smal", "--studies", str(small.parent)]) == BAD_INPUT
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "no such study" in error
