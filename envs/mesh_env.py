@@ -3,59 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from envs.domains.load import RandomDomains, source
-from envs.mdp import observation
-from envs.mdp.action import KINDS, REJECTIONS
+from envs.domains.load import source
+from envs.mdp.action import ACTION_TYPES, REJECTIONS
 from envs.mdp.episodes import Episodes
+from envs.mdp.observation import bounds
 from envs.render import draw_episode
-from envs.types import OBSERVATIONS, RADII, Domain, MeshingParameters
+from envs.types import NAMED, SETTINGS, Domain, DomainSupply, MeshingParameters
 
 #: What a domain can be given as: a name, a file, or the thing itself; several are drawn from at each reset.
-DomainSpec = str | Domain | RandomDomains | Sequence[str | Domain | RandomDomains]
+DomainSpec = str | Domain | DomainSupply | Sequence[str | Domain | DomainSupply]
 
 
-def domains_of(spec: DomainSpec) -> list[Domain | RandomDomains]:
+def domains_of(spec: DomainSpec) -> list[Domain | DomainSupply]:
     """The domains that a specification means, in its order.
 
     Raises:
         DomainError: unknown name, or a file that cannot be meshed.
     """
-    parts = [spec] if isinstance(spec, str | Domain | RandomDomains) else list(spec)
-    return [source(part) if isinstance(part, str) else part for part in parts]
+    given = list(spec) if isinstance(spec, Sequence) and not isinstance(spec, str) else [spec]
+    return [source(one) if isinstance(one, str) else one for one in given]
 
 
-def parameters_of(options: Mapping[str, Any]) -> MeshingParameters:
-    """MeshingParameters from keywords; ``observation="O2"`` and ``radius="R2"`` are the paper's names.
+def parameters_of(options: Mapping[str, Any], base: MeshingParameters | None = None) -> MeshingParameters:
+    """``base``, by default the paper's, with the options in place of its numbers.
 
-    A number given beside a name has its way.
+    Args:
+        options: fields of MeshingParameters; ``observation="O2"`` and ``radius="R2"`` are the paper's names for some.
+            A number given beside a name has its way.
+        base: what holds where no option is given.
 
     Raises:
-        ValueError: unknown keyword or name, or a value out of its range.
+        ValueError: unknown option or name, or a value out of its range.
     """
-    values = dict(options)
-    for key, table in (("observation", OBSERVATIONS), ("radius", RADII)):
-        if (name := values.pop(key, None)) is not None:
-            if name not in table:
-                raise ValueError(f"{key} = {name!r}: use one of {', '.join(table)}")
-            setting: Any = table[name]
-            values = (setting if isinstance(setting, dict) else {"alpha": setting}) | values
-    known = [field.name for field in fields(MeshingParameters)]
-    for key in values:
-        if key not in known:
-            raise ValueError(f"unknown environment option {key!r}; known: {', '.join(known)}, observation, radius")
-    return MeshingParameters(**values)
+    numbers = dict(options)
+    for option, names in NAMED.items():
+        if (name := numbers.pop(option, None)) is not None:
+            if name not in names:
+                raise ValueError(f"{option} = {name!r}: use one of {', '.join(names)}")
+            numbers = names[name] | numbers
+    for option in numbers:
+        if option not in SETTINGS:
+            raise ValueError(f"unknown environment option {option!r}; known: {', '.join([*SETTINGS, *NAMED])}")
+    return replace(base or MeshingParameters(), **numbers)
 
 
 def spaces_of(parameters: MeshingParameters) -> tuple[spaces.Box, spaces.Box]:
     """Observation and action space of one environment."""
-    low, high = observation.bounds(parameters)
+    low, high = bounds(parameters)
     return (
         spaces.Box(low, high, dtype=np.float32),
         spaces.Box(-1.0, 1.0, (parameters.action_size,), dtype=np.float32),
@@ -69,7 +70,7 @@ class Task:
         weights: (domains,) float64, adding up to 1.
     """
 
-    def __init__(self, domains: Sequence[Domain | RandomDomains]) -> None:
+    def __init__(self, domains: Sequence[Domain | DomainSupply]) -> None:
         self.names = [domain.name for domain in domains]
         self.weights = np.full(len(domains), 1.0 / len(domains))
 
@@ -107,22 +108,30 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
         domain: a catalogue name, a file, ``random:SEED``, ``random`` (a new one every time), a Domain, or several of
             them to draw from at each reset.
         render_mode: ``"rgb_array"`` or None.
-        options: fields of MeshingParameters, ``observation`` (O1, O2, O3) and ``radius`` (R1, R2, R3).
+        parameters: the numbers of the MDP, by default the paper's.
+        options: what differs from them, see `parameters_of`.
 
     Observation, action, reward and the end of an episode: see the files of ``envs.mdp``.
 
     ``info`` of a step: ``eta_e``, ``eta_b``, ``mu``, ``nu`` (the reward's terms), ``rejection`` (empty, or why the
-    action was invalid), ``kind`` (right, one, left, two). When the episode ends also ``mesh`` (a Mesh), ``completed``,
-    ``elements``, ``mean_eta``, ``domain`` and ``task`` (what the domain was drawn as). ``info`` of a reset: ``domain``.
+    action was invalid), ``action_type`` (one of ``envs.mdp.action.ACTION_TYPES``). When the episode ends also ``mesh``
+    (a Mesh), ``completed``, ``elements``, ``mean_eta``, ``domain`` and ``task`` (what the domain was drawn as).
+    ``info`` of a reset: ``domain``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (gymnasium's own convention)
 
-    def __init__(self, domain: DomainSpec = "T1", render_mode: str | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        domain: DomainSpec = "T1",
+        render_mode: str | None = None,
+        parameters: MeshingParameters | None = None,
+        **options: Any,
+    ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: use 'rgb_array' or None")
         self.render_mode = render_mode
-        self.parameters = parameters_of(options)
+        self.parameters = parameters_of(options, parameters)
         self.episodes = Episodes(domains_of(domain), self.parameters, batch=1)
         self.task = Task(self.episodes.domains)
         self.observation_space, self.action_space = spaces_of(self.parameters)
@@ -141,7 +150,7 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
         eta_e, eta_b, mu, nu = out.terms[0].tolist()
         info: dict[str, Any] = {
             "eta_e": eta_e, "eta_b": eta_b, "mu": mu, "nu": nu,
-            "rejection": REJECTIONS[out.rejection[0]], "kind": KINDS[out.kind[0]],
+            "rejection": REJECTIONS[out.rejection[0]], "action_type": ACTION_TYPES[out.action_type[0]],
         }  # fmt: skip
         terminated, truncated = bool(out.terminated[0]), bool(out.truncated[0])
         if terminated or truncated:

@@ -6,8 +6,9 @@ Symbols are those of Pan, Huang, Cheng, Zeng (2023), Neural Networks 157.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ RELATIVE_TOLERANCE = 1e-9
 MIN_ELEMENT_ANGLE = 0.01 * np.pi
 MAX_ELEMENT_ANGLE = 0.99 * np.pi
 
+
+#: The least number of a range that is open at 0, and the most of a count that nothing else bounds.
+TINY, COUNT = 1e-9, 10**12
 
 #: What the density term of the reward can be, in the order that compiled code numbers them.
 DENSITIES = ("continuous", "printed", "local")
@@ -70,64 +74,126 @@ class Domain:
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0)))
 
 
-@dataclass(frozen=True)
-class MeshingParameters:
-    """Every number of the MDP (defaults: the paper's choice, O2 and R2).
+class DomainSupply(Protocol):
+    """An endless supply of domains: what an episode can be begun on in place of one domain.
 
     Attributes:
-        n: neighbours observed on each side of the reference vertex, n >= 1.
-        g: fan slices, g >= 1.
-        beta: fan radius over base length, L_r = beta L.
-        n_rv: neighbour pairs averaged for the choice of the reference vertex.
-        alpha: action radius over base length, r = alpha L (R1: 1, R2: 2, R3: 3).
-        upsilon: density weight in (0, 10]; 0.5 dense, 1 medium, 1.5 sparse.
-        kappa: divisor in A_max.
-        density: ``"continuous"`` is (A - A_max)/(A_max - A_min); ``"printed"`` the paper's (A - A_min)/(A_max - A_min);
-            ``"local"`` (ours) compares A with the area wanted there, by the lengths of the boundary edges nearby.
-        M_angle: radians; angles left on the front below it are penalised.
-        extended: whether the observation also tells how many elements V_0 and its 2 n neighbours lack to be regular,
-            and how L compares with the edge length wanted there (ours, not the paper's).
-        irregular: weight of the reward's term for irregular vertices (ours, not the paper's), in [0, 10].
-        type2: whether actions may add two vertices (Box of 5 in place of 3).
-        max_invalid: invalid actions in a row before truncation.
-        max_elements: elements before truncation; None: four times the domain's area in mean-length squares, plus n.
+        name: what tasks and curricula call it.
+        vertices: most ring vertices of a domain drawn, seams included.
+        elements: most elements a domain drawn may be expected to need.
     """
 
-    n: int = 2
-    g: int = 3
-    beta: float = 6.0
-    n_rv: int = 2
-    alpha: float = 2.0
-    upsilon: float = 1.0
-    kappa: float = 4.0
-    density: Literal["continuous", "printed", "local"] = "continuous"
-    M_angle: float = np.pi / 3
-    extended: bool = False
-    irregular: float = 0.0
-    type2: bool = False
-    max_invalid: int = 100
-    max_elements: int | None = None
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("n", 1, 8), ("g", 1, 16), ("n_rv", 1, 8), ("beta", 1e-3, 1e3), ("alpha", 1e-3, 1e3),
-            ("upsilon", 1e-9, 10.0), ("kappa", 1e-9, 1e9), ("M_angle", 1e-9, np.pi), ("irregular", 0.0, 10.0),
-            ("max_invalid", 1, 10**9),
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if name in ("n", "g", "n_rv", "max_invalid") and int(value) != value:
-                raise ValueError(f"MeshingParameters.{name} = {value!r}: must be a whole number")
-            if not low <= value <= high:
-                raise ValueError(f"MeshingParameters.{name} = {value!r}: must lie in [{low}, {high}]")
-        if self.density not in DENSITIES:
-            raise ValueError(f"MeshingParameters.density = {self.density!r}: use one of {', '.join(DENSITIES)}")
-        if self.max_elements is not None and self.max_elements < 1:
-            raise ValueError(f"MeshingParameters.max_elements = {self.max_elements!r}: must be at least 1, or None")
+    @property
+    def name(self) -> str: ...
 
     @property
-    def observation_size(self) -> int:
-        """4 n + 2 g + 1 (15 for O2), and 2 n + 2 more when extended."""
-        return 4 * self.n + 2 * self.g + 1 + (2 * self.n + 2 if self.extended else 0)
+    def vertices(self) -> int: ...
+
+    @property
+    def elements(self) -> int: ...
+
+    def draw(self, random: np.random.Generator) -> Domain:
+        """The next domain."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What one setting accepts.
+
+    Attributes:
+        kind: bool, int, float or str.
+        low, high: inclusive range of numbers.
+        words: texts that are accepted; for a number, in its place.
+        optional: whether None, which is null in YAML and JSON, is accepted.
+        meaning: in words, with the unit.
+    """
+
+    kind: type
+    low: float = -math.inf
+    high: float = math.inf
+    words: tuple[str, ...] = ()
+    optional: bool = False
+    meaning: str = ""
+
+    def fitted(self, value: Any) -> Any:
+        """The value in the setting's type; whole numbers may be given as floats.
+
+        Raises:
+            ValueError, OverflowError: it is of another type or out of range.
+        """
+        if value is None and self.optional:
+            return None
+        kind: type = self.kind
+        if isinstance(value, str):
+            kind, fits = str, value in self.words
+        elif isinstance(value, bool | np.bool_):
+            fits = kind is bool
+        else:
+            number = isinstance(value, int | float | np.integer | np.floating)
+            fits = number and kind in (int, float) and self.low <= value <= self.high
+        if not fits or kind(value) != value:
+            raise ValueError(value)
+        return kind(value)
+
+    def __str__(self) -> str:
+        """What is accepted, in words: the part of a message that tells the fix."""
+        span = "" if math.isinf(self.low) else f" in [{self.low:.12g}, {self.high:.12g}]"
+        plain = {bool: ["true or false"], int: [f"a whole number{span}"], float: [f"a number{span}"]}
+        return " or ".join([*plain.get(self.kind, []), *self.words, *(["null"] if self.optional else [])])
+
+
+def _setting(default: Any, meaning: str, low: float = -np.inf, high: float = np.inf, **accepts: Any) -> Any:
+    """A field of MeshingParameters: its default, what it means and what it may be."""
+    kind = int if default is None else type(default)
+    return field(default=default, metadata={"setting": Setting(kind, low, high, meaning=meaning, **accepts)})
+
+
+@dataclass(frozen=True)
+class MeshingParameters:
+    """Every number of the MDP, by the paper's symbols (defaults: the paper's choice, O2 and R2).
+
+    The table below is the one place for what each means and may be: `SETTINGS` holds it, and whatever else checks or
+    describes a setting of the environment takes it from there.
+
+    Raises:
+        ValueError: a value of another type, or out of its range.
+    """
+
+    n: int = _setting(2, "neighbours observed on each side of the reference vertex", 1, 8)
+    g: int = _setting(3, "fan slices", 1, 16)
+    beta: float = _setting(6.0, "fan radius over base length", 1e-3, 1e3)
+    n_rv: int = _setting(2, "neighbour pairs averaged for the choice of the reference vertex", 1, 8)
+    alpha: float = _setting(2.0, "action radius over base length", 1e-3, 1e3)
+    upsilon: float = _setting(1.0, "density weight, 0.5 dense, 1 medium, 1.5 sparse", TINY, 10.0)
+    kappa: float = _setting(4.0, "divisor in A_max", TINY, 1e9)
+    density: Literal["continuous", "printed", "local"] = _setting(
+        "continuous",
+        "continuous: (A - A_max)/(A_max - A_min); printed: the paper's (A - A_min)/(A_max - A_min); "
+        "local: ours, A against the area wanted there, by the boundary edges nearby",
+        words=DENSITIES,
+    )
+    M_angle: float = _setting(np.pi / 3, "radians; front angles below it are penalised", TINY, np.pi)
+    extended: bool = _setting(
+        False, "ours: the observation tells the elements vertices lack to be regular, and the size wanted"
+    )
+    irregular: float = _setting(0.0, "ours: weight of the reward's term for irregular vertices", 0.0, 10.0)
+    type2: bool = _setting(False, "true: actions may add two vertices (Box of 5 in place of 3)")
+    max_invalid: int = _setting(100, "invalid actions in a row before truncation", 1, 10**9)
+    max_elements: int | None = _setting(
+        None,
+        "elements before truncation; null: four times the domain's area in squares of its mean edge, plus its ring",
+        1,
+        COUNT,
+        optional=True,
+    )
+
+    def __post_init__(self) -> None:
+        for name, setting in SETTINGS.items():
+            value = getattr(self, name)
+            try:
+                object.__setattr__(self, name, setting.fitted(value))
+            except (ValueError, OverflowError):
+                raise ValueError(f"MeshingParameters.{name} = {value!r:.40}: must be {setting}") from None
 
     @property
     def action_size(self) -> int:
@@ -135,10 +201,15 @@ class MeshingParameters:
         return 5 if self.type2 else 3
 
 
-#: The paper's named observation ranges and action radii.
-OBSERVATIONS: dict[str, dict[str, float]] = {
-    "O1": {"beta": 4.0, "n": 2, "g": 3},
-    "O2": {"beta": 6.0, "n": 2, "g": 3},
-    "O3": {"beta": 6.0, "n": 3, "g": 4},
+#: What each of the MDP's numbers means and may be, by name, in order.
+SETTINGS: dict[str, Setting] = {entry.name: entry.metadata["setting"] for entry in fields(MeshingParameters)}
+
+#: The paper's names for observation ranges and action radii: option -> name -> the numbers that it stands for.
+NAMED: dict[str, dict[str, dict[str, float]]] = {
+    "observation": {
+        "O1": {"beta": 4.0, "n": 2, "g": 3},
+        "O2": {"beta": 6.0, "n": 2, "g": 3},
+        "O3": {"beta": 6.0, "n": 3, "g": 4},
+    },
+    "radius": {"R1": {"alpha": 1.0}, "R2": {"alpha": 2.0}, "R3": {"alpha": 3.0}},
 }
-RADII: dict[str, float] = {"R1": 1.0, "R2": 2.0, "R3": 3.0}

@@ -10,13 +10,14 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from envs.mdp.action import KINDS, REJECTIONS
+from envs.mdp.action import ACTION_TYPES, REJECTIONS
 from envs.mdp.episodes import Episodes
 from envs.mesh_env import DomainSpec, Task, domains_of, ending, parameters_of, spaces_of
 from envs.render import draw_episode
+from envs.types import MeshingParameters
 
 _REJECTIONS = np.array(REJECTIONS)
-_KINDS = np.array(KINDS)
+_ACTION_TYPES = np.array(ACTION_TYPES)
 
 
 class MeshVectorEnv(VectorEnv):
@@ -27,7 +28,7 @@ class MeshVectorEnv(VectorEnv):
 
     Args:
         num_envs: B >= 1.
-        domain, render_mode, options: see MeshEnv.
+        domain, render_mode, parameters, options: see MeshEnv.
     """
 
     metadata = {  # noqa: RUF012  (gymnasium's own convention)
@@ -37,7 +38,12 @@ class MeshVectorEnv(VectorEnv):
     }
 
     def __init__(
-        self, num_envs: int = 1, domain: DomainSpec = "T1", render_mode: str | None = None, **options: Any
+        self,
+        num_envs: int = 1,
+        domain: DomainSpec = "T1",
+        render_mode: str | None = None,
+        parameters: MeshingParameters | None = None,
+        **options: Any,
     ) -> None:
         if num_envs < 1:
             raise ValueError(f"num_envs = {num_envs}: must be at least 1")
@@ -45,7 +51,7 @@ class MeshVectorEnv(VectorEnv):
             raise ValueError(f"render_mode = {render_mode!r}: use 'rgb_array' or None")
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self.parameters = parameters_of(options)
+        self.parameters = parameters_of(options, parameters)
         self.episodes = Episodes(domains_of(domain), self.parameters, batch=num_envs)
         self.task = Task(self.episodes.domains)
         self.single_observation_space, self.single_action_space = spaces_of(self.parameters)
@@ -90,7 +96,7 @@ class MeshVectorEnv(VectorEnv):
             "mu": terms[:, 2], "_mu": stepped,
             "nu": terms[:, 3], "_nu": stepped,
             "rejection": _REJECTIONS[out.rejection], "_rejection": stepped,
-            "kind": _KINDS[out.kind], "_kind": stepped,
+            "action_type": _ACTION_TYPES[out.action_type], "_action_type": stepped,
         }  # fmt: skip
         self._ended = out.terminated | out.truncated
         if self._ended.any():
@@ -136,7 +142,7 @@ class MeshVectorEnv(VectorEnv):
         for i in np.flatnonzero(self._ended).tolist():
             for key, value in ending(self.episodes, i).items():
                 if key not in infos:
-                    kind = object if key in ("mesh", "domain", "task") else type(value)
-                    infos[key] = np.zeros(self.num_envs, dtype=kind)
+                    dtype = object if key in ("mesh", "domain", "task") else type(value)
+                    infos[key] = np.zeros(self.num_envs, dtype=dtype)
                     infos[f"_{key}"] = self._ended.copy()
                 infos[key][i] = value

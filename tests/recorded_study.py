@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray import config
 from freemesh_ray.policies.policy import Policy
@@ -41,7 +42,7 @@ def policy(seed: int, **parameters: Any) -> Policy:
     """Random weights; draws almost uniformly, so that a small square is completed now and then."""
     mdp = MeshingParameters(**parameters)
     random = np.random.default_rng(seed)
-    weight = 0.05 * random.standard_normal((mdp.observation_size, 2 * mdp.action_size)).astype(np.float32)
+    weight = 0.05 * random.standard_normal((observation_size(mdp), 2 * mdp.action_size)).astype(np.float32)
     bias = np.repeat(np.float32([0.0, 0.3]), mdp.action_size)
     return Policy([(weight, bias)], mdp, {"mlflow.source.git.commit": "0123456789abcdef0123456789abcdef01234567"})
 

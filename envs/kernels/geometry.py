@@ -10,22 +10,30 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from envs.kernels.compiled import inlined
+from envs.types import Floats
 
 TWO_PI = 2.0 * math.pi
-
-
-@inlined
-def angle(ux: float, uy: float, vx: float, vy: float) -> float:
-    """The turn from direction u counter-clockwise to direction v, in [0, 2 pi)."""
-    turn = math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
-    return turn if turn >= 0.0 else turn + TWO_PI
 
 
 @inlined
 def signed_angle(ux: float, uy: float, vx: float, vy: float) -> float:
     """The shorter turn from direction u to direction v, in (-pi, pi]."""
     return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+
+
+@inlined
+def angle(ux: float, uy: float, vx: float, vy: float) -> float:
+    """The turn from direction u counter-clockwise to direction v, in [0, 2 pi)."""
+    turn = signed_angle(ux, uy, vx, vy)
+    return turn if turn >= 0.0 else turn + TWO_PI
+
+
+def signed_angles(u: Floats, v: Floats) -> Floats:
+    """(...) float64: `signed_angle` of the directions u and v, (..., 2) each."""
+    return np.arctan2(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0], (u * v).sum(axis=-1))
 
 
 @inlined

@@ -1,7 +1,7 @@
 """Action vector -> element, or a named rejection.
 
     index  meaning   range     decoded
-    0      type      [-1, 1]   lower third RIGHT, middle third ONE, upper third LEFT (with type 2: quarters, then TWO)
+    0      type      [-1, 1]   ACTION_TYPES in order, without type 2 the first three; each has an equal share
     1      radius    [-1, 1]   of the new vertex, [0, alpha L] from V_0, in domain units
     2      angle     [-1, 1]   of the new vertex, [0, interior angle at V_0] from the axis V_0 -> V_r,1, in rad
     3, 4   radius, angle       of the second new vertex (type 2 only)
@@ -24,10 +24,10 @@ from envs.mdp.front import POINTS, RING, TOLERANCE, Front, chain_start, interior
 from envs.quality import angles_valid, inner_angles
 from envs.types import MIN_ELEMENT_ANGLE, Floats
 
-# Kinds of element.
-RIGHT, ONE, LEFT, TWO = range(4)
-KINDS = ("right", "one", "left", "two")
-#: Edges in the chain of each kind.
+# Types of action, by how many vertices the element adds; type 0 is closed with the right or with the left chain.
+TYPE_0_RIGHT, TYPE_1, TYPE_0_LEFT, TYPE_2 = range(4)
+ACTION_TYPES = ("type 0 right", "type 1", "type 0 left", "type 2")
+#: Edges in the chain of each type.
 CHAIN_EDGES = (3, 2, 3, 1)
 
 # Rejections, in the order they are tested.
@@ -73,8 +73,8 @@ def base_length(front: Front, reference: int, n: int) -> float:
 
 
 @inlined
-def decode_kind(value: float, type2: bool) -> int:
-    """Which element the first entry of an action asks for."""
+def decode_type(value: float, type2: bool) -> int:
+    """The type, an index into ACTION_TYPES, that the first entry of an action asks for."""
     if type2:
         return min(3, max(0, int((value + 1.0) * 2.0)))
     return min(2, max(0, int((value + 1.0) * 1.5)))
@@ -93,9 +93,9 @@ def decode_point(front: Front, reference: int, reach: float, radius: float, turn
 
 
 @inlined
-def encode_kind(kind: int, type2: bool) -> float:
-    """The first entry of an action that asks for this kind: the middle of its share of the range."""
-    return (2.0 * kind + 1.0) / (4 if type2 else 3) - 1.0
+def encode_type(action_type: int, type2: bool) -> float:
+    """The first entry of an action of this type: the middle of its share of the range."""
+    return (2.0 * action_type + 1.0) / (4 if type2 else 3) - 1.0
 
 
 @inlined
@@ -198,9 +198,9 @@ def decode(front: Front, reference: int, action: Floats, n: int, alpha: float, t
         action: (3,) or (5,) in [-1, 1].
         n, alpha, type2: see MeshingParameters.
     """
-    kind = decode_kind(action[0], type2)
-    k = CHAIN_EDGES[kind]
-    start = chain_start(front, reference, kind)
+    action_type = decode_type(action[0], type2)
+    k = CHAIN_EDGES[action_type]
+    start = chain_start(front, reference, action_type)
     reach = alpha * base_length(front, reference, n)
     xy = front.xy
     s1 = front.nxt[start]

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from envs.domains.random_domain import RandomDomains
 from envs.mdp import front as fr
 from envs.mdp import transition
 from envs.mesh import Mesh
-from envs.types import Domain, Floats, MeshingParameters
+from envs.types import Domain, DomainSupply, Floats, MeshingParameters
 
 
 class Episodes:
@@ -24,11 +23,11 @@ class Episodes:
         out: the last outcome (arrays that the next step overwrites).
     """
 
-    def __init__(self, domains: Sequence[Domain | RandomDomains], parameters: MeshingParameters, batch: int) -> None:
+    def __init__(self, domains: Sequence[Domain | DomainSupply], parameters: MeshingParameters, batch: int) -> None:
         if not domains:
             raise ValueError("no domain to mesh: give at least one")
         fixed = [domain for domain in domains if isinstance(domain, Domain)]
-        supplies = [domain for domain in domains if isinstance(domain, RandomDomains)]
+        supplies = [domain for domain in domains if not isinstance(domain, Domain)]
         for domain in fixed:
             if len(domain.ring) < 6:
                 raise ValueError(
@@ -80,7 +79,7 @@ class Episodes:
             random: what a supply draws with; a fixed domain needs none.
         """
         entry, row = self.domains[domain], domain
-        if isinstance(entry, RandomDomains):
+        if not isinstance(entry, Domain):
             row = len(self.domains) + i
             drawn = entry.draw(np.random.default_rng() if random is None else random)
             self._drawn[i] = drawn

@@ -23,7 +23,7 @@ import numpy as np
 
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined
-from envs.kernels.geometry import angle
+from envs.kernels.geometry import angle, signed_angles
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
 # Entries of Front.counts.
@@ -111,12 +111,12 @@ def reference_slot(front: Front) -> int:
 
 
 @inlined
-def chain_start(front: Front, reference: int, kind: int) -> int:
-    """The first slot of the chain of an element of this kind (RIGHT 0, ONE 1, LEFT 2, TWO 3)."""
-    if kind == 3:
+def chain_start(front: Front, reference: int, action_type: int) -> int:
+    """The first slot of the chain of an action of this type, an index into action.ACTION_TYPES."""
+    if action_type == 3:
         return reference
     start = front.prv[reference]
-    return front.prv[start] if kind == 2 else start
+    return front.prv[start] if action_type == 2 else start
 
 
 @inlined
@@ -347,8 +347,8 @@ def wanted(domain: Domain) -> Ints:
     """
     here = domain.vertices
     ahead, behind = np.roll(here, -1, axis=0) - here, np.roll(here, 1, axis=0) - here
-    turn = np.arctan2(ahead[:, 0] * behind[:, 1] - ahead[:, 1] * behind[:, 0], (ahead * behind).sum(axis=1))
-    angles = np.bincount(domain.ring, np.mod(turn, 2 * np.pi), minlength=len(domain.points))
+    turns = np.mod(signed_angles(ahead, behind), 2 * np.pi)
+    angles = np.bincount(domain.ring, turns, minlength=len(domain.points))
     return np.maximum(1, np.rint(angles / (0.5 * np.pi))).astype(np.int64)
 
 

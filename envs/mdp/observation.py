@@ -2,18 +2,24 @@
 
 Polar coordinates with origin V_0 and axis V_0 -> V_r,1; lengths over L_r = beta L, clipped to 1; angles over pi.
 
-    index                    entry                                     unit       range
-    2 (n - j), + 1           V_l,j, j = n..1: length, angle            L_r, pi    [0, 1], [-1, 3]
-    2 n + 2 (j - 1), + 1     V_r,j, j = 1..n: length, angle            L_r, pi    [0, 1], [-1, 1]
-    4 n + 2 (j - 1), + 1     V_zeta,j, j = 1..g: length, angle         L_r, pi    [0, 1], [0, 2]
-    4 n + 2 g                rho: area left over initial area          1          [0, 1]
+    index                    entry           unit    range      meaning
+    2 (n - j)                l{j}_length     L_r     [0, 1]     V_l,j, j = n..1
+    2 (n - j) + 1            l{j}_angle      pi      [-1, 3]
+    2 (n + j) - 2            r{j}_length     L_r     [0, 1]     V_r,j, j = 1..n
+    2 (n + j) - 1            r{j}_angle      pi      [-1, 1]
+    4 n + 2 j - 2            zeta{j}_length  L_r     [0, 1]     V_zeta,j, j = 1..g
+    4 n + 2 j - 1            zeta{j}_angle   pi      [0, 2]
+    4 n + 2 g                rho             1       [0, 1]     area left over initial area
 
 Extended (MeshingParameters.extended), by the elements that vertices still lack to be regular, and the size wanted:
 
-    4 n + 2 g + 1 + n - j    of V_l,j, j = n..1                        4          [-1, 1]
-    5 n + 2 g + 1            of V_0                                    4          [-1, 1]
-    5 n + 2 g + 1 + j        of V_r,j, j = 1..n                        4          [-1, 1]
-    6 n + 2 g + 2            ln of L over the length wanted at V_0     ln 4       [-1, 1]
+    5 n + 2 g + 1 - j        l{j}_lacks      4       [-1, 1]    of V_l,j, j = n..1
+    5 n + 2 g + 1            0_lacks         4       [-1, 1]    of V_0
+    5 n + 2 g + 1 + j        r{j}_lacks      4       [-1, 1]    of V_r,j, j = 1..n
+    6 n + 2 g + 2            size            ln 4    [-1, 1]    ln of L over the length wanted at V_0
+
+`TABLE` is what size, bounds and names come from. A new entry is a row of it, the lines of `observe` that write it, and
+the setting that switches it on.
 
 The interior angle theta at V_0 is the angle of V_l,1. The angle of V_r,j is the shorter turn from the axis, that of
 V_l,j is theta plus the shorter turn from V_0 -> V_l,1: so a front that runs straight on does not flip between 0 and 2.
@@ -26,6 +32,8 @@ first hit of its bisector with the front, or the bisector's end at L_r.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,9 +50,99 @@ LN_4 = math.log(4.0)
 ANGLE_TOLERANCE = 1e-9
 
 
+class Entry(NamedTuple):
+    """One number of the observation.
+
+    Attributes:
+        name: what it is called.
+        unit: what the measured value is divided by.
+        low, high: inclusive range.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+class Row(NamedTuple):
+    """Entries that follow each other, for one point of the front after another.
+
+    Attributes:
+        points: (n, g) -> the points' names, in the order of the observation.
+        entries: what is told of each, by the ends of their names.
+        setting: the parameter that switches the row on; empty: always there.
+    """
+
+    points: Callable[[int, int], Sequence[str]]
+    entries: tuple[Entry, ...]
+    setting: str = ""
+
+
+def _left(n: int, g: int) -> list[str]:
+    return [f"l{j}_" for j in range(n, 0, -1)]
+
+
+def _right(n: int, g: int) -> list[str]:
+    return [f"r{j}_" for j in range(1, n + 1)]
+
+
+def _fan(n: int, g: int) -> list[str]:
+    return [f"zeta{j}_" for j in range(1, g + 1)]
+
+
+def _around(n: int, g: int) -> list[str]:
+    return [*_left(n, g), "0_", *_right(n, g)]
+
+
+def _nowhere(n: int, g: int) -> list[str]:
+    return [""]
+
+
+#: The observation, in order.
+TABLE = (
+    Row(_left, (Entry("length", "L_r", 0, 1), Entry("angle", "pi", -1, 3))),
+    Row(_right, (Entry("length", "L_r", 0, 1), Entry("angle", "pi", -1, 1))),
+    Row(_fan, (Entry("length", "L_r", 0, 1), Entry("angle", "pi", 0, 2))),
+    Row(_nowhere, (Entry("rho", "1", 0, 1),)),
+    Row(_around, (Entry("lacks", "4", -1, 1),), "extended"),
+    Row(_nowhere, (Entry("size", "ln 4", -1, 1),), "extended"),
+)
+
+
+def entries(parameters: MeshingParameters) -> list[Entry]:
+    """Every number of the observation, in order."""
+    return [
+        entry._replace(name=point + entry.name)
+        for row in TABLE
+        if not row.setting or getattr(parameters, row.setting)
+        for point in row.points(parameters.n, parameters.g)
+        for entry in row.entries
+    ]
+
+
+def observation_size(parameters: MeshingParameters) -> int:
+    """How many numbers an observation has: 4 n + 2 g + 1 (15 for O2), and 2 n + 2 more when extended."""
+    return len(entries(parameters))
+
+
+def observation_names(parameters: MeshingParameters) -> list[str]:
+    """What each entry is called, in order."""
+    return [entry.name for entry in entries(parameters)]
+
+
+def bounds(parameters: MeshingParameters) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest and highest value of every entry, (size,) float32 each."""
+    found = entries(parameters)
+    return (
+        np.array([entry.low for entry in found], dtype=np.float32),
+        np.array([entry.high for entry in found], dtype=np.float32),
+    )
+
+
 @inlined
 def observe(front: Front, reference: int, n: int, g: int, beta: float, extended: bool, out: Floats) -> None:
-    """Write the observation of V_0 in slot ``reference`` into ``out``, (4 n + 2 g + 1 [+ 2 n + 2],) float32."""
+    """Write the observation of V_0 in slot ``reference`` into ``out``, (size,) float32: `TABLE`, row by row."""
     xy = front.xy
     x, y = xy[reference, 0], xy[reference, 1]
     L_r = beta * base_length(front, reference, n)
@@ -63,20 +161,22 @@ def observe(front: Front, reference: int, n: int, g: int, beta: float, extended:
         out[at + 1] = signed_angle(axis_x, axis_y, dx, dy) / math.pi
         left, right = front.prv[left], front.nxt[right]
     fan(front, reference, n, g, L_r, theta, axis_x, axis_y, out)
-    out[4 * n + 2 * g] = min(1.0, max(0.0, front.measure[AREA] / front.measure[AREA_0]))
+    at = 4 * n + 2 * g
+    out[at] = min(1.0, max(0.0, front.measure[AREA] / front.measure[AREA_0]))
+    at += 1
     if extended:
-        lacks(front, reference, n, g, out)
+        lacks(front, reference, n, at, out)
+        at += 2 * n + 1
         ratio = L_r / (beta * front.size[front.vid[reference]])
-        out[6 * n + 2 * g + 2] = min(1.0, max(-1.0, math.log(ratio) / LN_4))
+        out[at] = min(1.0, max(-1.0, math.log(ratio) / LN_4))
 
 
 @inlined
-def lacks(front: Front, reference: int, n: int, g: int, out: Floats) -> None:
-    """Write the elements that V_l,n..V_0..V_r,n still lack into ``out``, over 4."""
+def lacks(front: Front, reference: int, n: int, at: int, out: Floats) -> None:
+    """Write the elements that V_l,n..V_0..V_r,n still lack, over 4, into ``out`` from entry ``at`` on."""
     slot = reference
     for _ in range(n):
         slot = front.prv[slot]
-    at = 4 * n + 2 * g + 1
     for j in range(2 * n + 1):
         out[at + j] = min(1.0, max(-1.0, 0.25 * front.need[front.vid[slot]]))
         slot = front.nxt[slot]
@@ -173,24 +273,3 @@ def first_hit(front: Front, reference: int, L_r: float, direction: float) -> flo
             continue
         nearest = min(nearest, ray_hit(x, y, dx, dy, xy[slot, 0], xy[slot, 1], xy[after, 0], xy[after, 1]))
     return nearest / L_r
-
-
-def bounds(parameters: MeshingParameters) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest and highest value of every entry, (size,) float32 each."""
-    n, g = parameters.n, parameters.g
-    extra = 2 * n + 2 if parameters.extended else 0
-    low = np.array([0, -1] * (2 * n) + [0, 0] * g + [0] + [-1] * extra, dtype=np.float32)
-    high = np.array([1, 3] * n + [1, 1] * n + [1, 2] * g + [1] + [1] * extra, dtype=np.float32)
-    return low, high
-
-
-def names(parameters: MeshingParameters) -> list[str]:
-    """What each entry is called, in order."""
-    n, g = parameters.n, parameters.g
-    points = [f"l{j}" for j in range(n, 0, -1)] + [f"r{j}" for j in range(1, n + 1)]
-    points += [f"zeta{j}" for j in range(1, g + 1)]
-    polar = [f"{point}_{part}" for point in points for part in ("length", "angle")]
-    if not parameters.extended:
-        return [*polar, "rho"]
-    around = [*points[:n], "0", *points[n : 2 * n]]
-    return [*polar, "rho", *(f"{point}_lacks" for point in around), "size"]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled, inlined
-from envs.mdp.action import ACCEPTED, Cut, decode, decode_kind
+from envs.mdp.action import ACCEPTED, Cut, decode, decode_type
 from envs.mdp.front import (
     A_MAX,
     A_MIN,
@@ -24,7 +24,7 @@ from envs.mdp.front import (
     restart,
     row,
 )
-from envs.mdp.observation import observe
+from envs.mdp.observation import observation_size, observe
 from envs.mdp.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu, mu_local, nu
 from envs.quality import eta_from_angles, inner_angles
 from envs.types import DENSITIES, Floats, Ints, MeshingParameters
@@ -58,7 +58,7 @@ class Outcome(NamedTuple):
         reward: (B,) float64.
         terms: (B, 4) float64: eta_e, eta_b, mu, nu (weighted); zeros for an invalid and for the last element.
         rejection: (B,) int64, index into action.REJECTIONS (0: accepted).
-        kind: (B,) int64, index into action.KINDS.
+        action_type: (B,) int64, index into action.ACTION_TYPES: what was asked for.
         terminated, truncated: (B,) bool.
     """
 
@@ -66,29 +66,25 @@ class Outcome(NamedTuple):
     reward: Floats
     terms: Floats
     rejection: Ints
-    kind: Ints
+    action_type: Ints
     terminated: np.ndarray
     truncated: np.ndarray
 
 
 def numbers(parameters: MeshingParameters) -> Numbers:
     """The compiled view of the parameters."""
-    p = parameters
-    return Numbers(
-        int(p.n), int(p.g), float(p.beta), int(p.n_rv), float(p.alpha), float(p.M_angle),
-        DENSITIES.index(p.density), float(p.upsilon), bool(p.extended), float(p.irregular),
-        bool(p.type2), int(p.max_invalid),
-    )  # fmt: skip
+    values = {name: getattr(parameters, name) for name in Numbers._fields}
+    return Numbers(**values | {"density": DENSITIES.index(parameters.density)})
 
 
 def outcome(batch: int, parameters: MeshingParameters) -> Outcome:
     """Room for the outcome of a batch."""
     return Outcome(
-        observation=np.zeros((batch, parameters.observation_size), dtype=np.float32),
+        observation=np.zeros((batch, observation_size(parameters)), dtype=np.float32),
         reward=np.zeros(batch),
         terms=np.zeros((batch, 4)),
         rejection=np.zeros(batch, dtype=np.int64),
-        kind=np.zeros(batch, dtype=np.int64),
+        action_type=np.zeros(batch, dtype=np.int64),
         terminated=np.zeros(batch, dtype=np.bool_),
         truncated=np.zeros(batch, dtype=np.bool_),
     )
@@ -143,7 +139,7 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
     """
     reference = reference_slot(front)
     cut = decode(front, reference, action, numbers.n, numbers.alpha, numbers.type2)
-    out.kind[i] = decode_kind(action[0], numbers.type2)
+    out.action_type[i] = decode_type(action[0], numbers.type2)
     out.rejection[i] = cut.rejection
     out.terms[i, :] = 0.0
     out.terminated[i] = False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import Any
 
 from envs.domains.load import source
@@ -78,7 +77,7 @@ def configured(config: Config) -> MeshConfig:
     domains = [source(stage) for stage in curriculum["stages"]]
     return (
         ALGORITHMS[config["algorithm"]](config)
-        .environment(register(), env_config={"domain": domains, **asdict(meshing_parameters(config))})
+        .environment(register(), env_config={"domain": domains, "parameters": meshing_parameters(config)})
         .env_runners(num_env_runners=runners["count"], num_envs_per_env_runner=runners["envs_per_runner"])
         .learners(
             num_learners=learner["count"],

@@ -15,7 +15,6 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
-from envs.types import MeshingParameters
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
 from freemesh_ray.policies.evaluation import KINDS, evaluation_episodes, summary
@@ -227,10 +226,9 @@ class MeshAlgorithm(Algorithm):
         Returns:
             ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluate.summary.
         """
-        options = dict(self.config.env_config)
-        domains = options.pop("domain")
+        domains, parameters = (self.config.env_config[key] for key in ("domain", "parameters"))
         layers = [(np.asarray(weight), np.asarray(bias)) for weight, bias in self.actor_weights()]
-        policy = Policy(layers, MeshingParameters(**options))
+        policy = Policy(layers, parameters)
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
 
         def figures(domain: Any, kind: str) -> dict[str, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 from envs.domains.load import load
@@ -29,7 +28,7 @@ def algorithm(
     from freemesh_ray.algorithms.environment import register
     from freemesh_ray.algorithms.sac import SACConfig
 
-    options = {"domain": [load(DOMAIN)], **asdict(MeshingParameters())}
+    options = {"domain": [load(DOMAIN)], "parameters": MeshingParameters()}
     return (
         SACConfig()
         .environment(register(), env_config=options)

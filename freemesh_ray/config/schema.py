@@ -2,35 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
-from envs.types import DENSITIES, OBSERVATIONS, RADII
+from envs.types import COUNT, NAMED, SETTINGS, TINY
 from freemesh_ray.config.field import Field
-
-TINY = 1e-9
-COUNT = 10**12
 
 #: Dotted key -> what it accepts. ``defaults.yaml`` holds the same keys, with their meaning and default.
 SCHEMA: dict[str, Field] = {
     "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
     "seed": Field(int, 0, 2**31 - 1),
     "algorithm": Field(str, words=("sac", "td3", "ddpg", "ppo")),
-    "env.observation": Field(str, words=tuple(OBSERVATIONS), optional=True),
-    "env.radius": Field(str, words=tuple(RADII), optional=True),
-    "env.n": Field(int, 1, 8),
-    "env.g": Field(int, 1, 16),
-    "env.beta": Field(float, 1e-3, 1e3),
-    "env.n_rv": Field(int, 1, 8),
-    "env.alpha": Field(float, 1e-3, 1e3),
-    "env.upsilon": Field(float, TINY, 10),
-    "env.kappa": Field(float, TINY, 1e9),
-    "env.density": Field(str, words=DENSITIES),
-    "env.M_angle": Field(float, TINY, math.pi),
-    "env.extended": Field(bool),
-    "env.irregular": Field(float, 0, 10),
-    "env.type2": Field(bool),
-    "env.max_invalid": Field(int, 1, 10**9),
-    "env.max_elements": Field(int, 1, COUNT, optional=True),
+    **{f"env.{name}": Field(str, words=tuple(numbers), optional=True) for name, numbers in NAMED.items()},
+    **{f"env.{name}": Field(**vars(setting)) for name, setting in SETTINGS.items()},
     "curriculum.stages": Field(str, many=True, distinct=True),
     "curriculum.promote_at": Field(float, TINY, 1),
     "curriculum.window": Field(int, 1, 10**6),
@@ -84,10 +65,10 @@ SCHEMA: dict[str, Field] = {
 #: Keys that stand for several: name -> the keys it sets. They act where they are written, so that a later layer, or a
 #: key beside them in the same file, still has its way; the loaded tree names the one that holds in the end, or null.
 SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
-    "env.observation": {
-        name: {f"env.{key}": value for key, value in values.items()} for name, values in OBSERVATIONS.items()
-    },
-    "env.radius": {name: {"env.alpha": value} for name, value in RADII.items()},
+    f"env.{key}": {
+        name: {f"env.{field}": number for field, number in numbers.items()} for name, numbers in names.items()
+    }
+    for key, names in NAMED.items()
 }
 
 #: (smaller, larger): the first key's value is at most the second's.

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from envs.types import MeshingParameters
+from envs.types import SETTINGS, MeshingParameters
 from freemesh_ray.config.field import ConfigError, check
 from freemesh_ray.config.layer import Entry, Layer, file_layer, set_layer
 from freemesh_ray.config.schema import AT_MOST, SCHEMA, SHARED, SHORTHANDS
@@ -81,7 +80,7 @@ def flatten(config: Mapping[str, Any]) -> dict[str, Scalar]:
 
 def meshing_parameters(config: Mapping[str, Any]) -> MeshingParameters:
     """The ``env`` section as the environment takes it."""
-    return MeshingParameters(**{field.name: config["env"][field.name] for field in fields(MeshingParameters)})
+    return MeshingParameters(**{name: config["env"][name] for name in SETTINGS})
 
 
 def _checked(entry: Entry) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from envs.kernels.compiled import compiled, inlined
 from envs.mdp.action import Cut
 from envs.mdp.front import Front
-from envs.mdp.observation import observe
+from envs.mdp.observation import observation_size, observe
 from envs.mdp.transition import Numbers, terms
 from envs.types import Floats
 from freemesh_ray.mesher.network import Network, forward, pack
@@ -45,7 +45,7 @@ class Agent(NamedTuple):
 
 def agent(policy: Policy) -> Agent:
     """The compiled view of a policy; a single critic stands for both of a pair."""
-    inputs, size = policy.parameters.observation_size, policy.parameters.action_size
+    inputs, size = observation_size(policy.parameters), policy.parameters.action_size
     nothing = [(np.zeros((inputs + size, 1)), np.zeros(1))]
     critics = (
         [[(w[i], b[i]) for w, b in policy.critic] for i in range(len(policy.critic[0][0]))] if policy.critic else []

@@ -16,7 +16,7 @@ import numpy as np
 
 from envs.kernels.compiled import compiled
 from envs.mdp import front as fr
-from envs.mdp.action import ACCEPTED, KINDS, decode_kind
+from envs.mdp.action import ACCEPTED, ACTION_TYPES, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, close, reference_slot
 from envs.mdp.transition import Numbers, numbers
 from envs.mesh import Mesh
@@ -61,7 +61,7 @@ class Grown:
     Attributes:
         mesh: complete or not.
         ring: (r,) int64, mesh vertices of the ring that is left, counter-clockwise; empty when complete.
-        kinds: elements of each kind, by name (action.KINDS); the last one has none.
+        action_types: elements of each type, by name (action.ACTION_TYPES); the last one has none.
         sources: elements by where they came from, by name (trail.SOURCES).
         detours: times that elements were taken back.
         taken_back: elements taken back in all.
@@ -69,7 +69,7 @@ class Grown:
 
     mesh: Mesh
     ring: Ints
-    kinds: dict[str, int]
+    action_types: dict[str, int]
     sources: dict[str, int]
     detours: int
     taken_back: int
@@ -104,7 +104,7 @@ def run(
             mean_action(agent, choice.action)
             cut = element(front, slot, choice.action, numbers.type2, numbers)
             if cut.rejection == ACCEPTED:
-                cut_off(front, trail, cut, decode_kind(choice.action[0], numbers.type2), POLICY, numbers.n_rv)
+                cut_off(front, trail, cut, decode_type(choice.action[0], numbers.type2), POLICY, numbers.n_rv)
                 continue
             source = here(choice, front, slot, agent, numbers.type2, numbers, random)
             if source == STUCK and elements < wander_end:
@@ -166,12 +166,12 @@ def grow(
         segments=domain.segments,
         complete=complete,
     )
-    kinds = np.bincount(log.kind[: count - int(complete)], minlength=len(KINDS))
+    types = np.bincount(log.action_type[: count - int(complete)], minlength=len(ACTION_TYPES))
     sources = np.bincount(log.source[:count], minlength=len(SOURCES))
     return Grown(
         mesh=mesh,
         ring=front.vid[fr.ring_slots(front)],
-        kinds=dict(zip(KINDS, kinds.tolist(), strict=True)),
+        action_types=dict(zip(ACTION_TYPES, types.tolist(), strict=True)),
         sources=dict(zip(SOURCES, sources.tolist(), strict=True)),
         detours=int(tally[DETOURS]),
         taken_back=int(tally[TAKEN_BACK]),

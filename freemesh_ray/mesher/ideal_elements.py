@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from envs.kernels.compiled import inlined
-from envs.mdp.action import LEFT, ONE, RIGHT, TWO, base_length, encode_kind, encode_point
+from envs.mdp.action import TYPE_0_LEFT, TYPE_0_RIGHT, TYPE_1, TYPE_2, base_length, encode_point, encode_type
 from envs.mdp.front import Front, interior_angle
 from envs.types import Floats
 
@@ -31,10 +31,10 @@ def shape(front: Front, slot: int, index: int, n: int, alpha: float, action: Flo
     """Write shape ``index``, 0 <= index < SHAPES, at a slot into ``action``, (5,); whether an action reaches it."""
     reach = alpha * base_length(front, slot, n)
     if index == 0:
-        action[0] = encode_kind(RIGHT, True)
+        action[0] = encode_type(TYPE_0_RIGHT, True)
         return True
     if index == 1:
-        action[0] = encode_kind(LEFT, True)
+        action[0] = encode_type(TYPE_0_LEFT, True)
         return True
     if index < 2 + len(DISTANCES):
         return fourth_corner(front, slot, DISTANCES[index - 2], reach, action)
@@ -48,7 +48,7 @@ def fourth_corner(front: Front, slot: int, share: float, reach: float, action: F
     x, y = xy[slot, 0], xy[slot, 1]
     ax = x + share * (xy[before, 0] + xy[after, 0] - 2.0 * x)
     ay = y + share * (xy[before, 1] + xy[after, 1] - 2.0 * y)
-    action[0] = encode_kind(ONE, True)
+    action[0] = encode_type(TYPE_1, True)
     action[1], action[2] = encode_point(front, slot, reach, ax, ay)
     return max(abs(action[1]), abs(action[2])) <= 1.0
 
@@ -65,7 +65,7 @@ def upright(front: Front, slot: int, share: float, reach: float, action: Floats)
     bx, by = x + c * ex - s * ey, y + s * ex + c * ey
     c, s = share * math.cos(there), share * math.sin(there)
     ax, ay = xy[after, 0] - c * ex - s * ey, xy[after, 1] + s * ex - c * ey
-    action[0] = encode_kind(TWO, True)
+    action[0] = encode_type(TYPE_2, True)
     action[1], action[2] = encode_point(front, slot, reach, ax, ay)
     action[3], action[4] = encode_point(front, slot, reach, bx, by)
     return max(max(abs(action[1]), abs(action[2])), max(abs(action[3]), abs(action[4]))) <= 1.0

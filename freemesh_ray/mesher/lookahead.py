@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled, inlined
-from envs.mdp.action import ACCEPTED, decode_kind
+from envs.mdp.action import ACCEPTED, decode_type
 from envs.mdp.front import RING, Front, reference_slot
 from envs.mdp.reward import eta_b, eta_e
 from envs.mdp.transition import Numbers, ring_quality
@@ -97,8 +97,8 @@ def expand(tree: Tree, level: int, front: Front, agent: Agent, policy_type2: boo
     look(agent, front, slot, numbers)
     mean_action(agent, tree.draft)
     if not policy_type2:
-        # The thirds of the first entry, on the quarters that type 2 leaves to the same kinds.
-        tree.draft[0] = -1.0 + 0.5 * (decode_kind(tree.draft[0], False) + 0.5)
+        # The thirds of the first entry, on the quarters that type 2 leaves to the same types.
+        tree.draft[0] = -1.0 + 0.5 * (decode_type(tree.draft[0], False) + 0.5)
     propose(tree, level, front, slot, numbers)
     for _ in range(front.counts[RING]):
         # To the left of a vertex lies what is to the right of the next but one.
@@ -140,7 +140,7 @@ def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: boo
         missing = (front.counts[RING] + 4 - 2 * cut.k - 2) // 2
         if rating(least, total + missing, level + 1 + missing) <= best:
             continue
-        cut_off(front, trail, cut, decode_kind(action[0], True), LOOKAHEAD, numbers.n_rv)
+        cut_off(front, trail, cut, decode_type(action[0], True), LOOKAHEAD, numbers.n_rv)
         if front.counts[RING] == 4:
             last = ring_quality(front)
             found = rating(min(least, last), total + last, level + 2)

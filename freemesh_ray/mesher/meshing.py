@@ -127,7 +127,7 @@ def exploration(search: bool, number: int) -> float:
 def nothing(domain: Domain) -> Grown:
     """The domain before anything was cut."""
     empty = Mesh(domain.name, domain.points, np.zeros((0, 4), dtype=np.int64), domain.segments, complete=False)
-    return Grown(mesh=empty, ring=domain.ring, kinds={}, sources={}, detours=0, taken_back=0)
+    return Grown(mesh=empty, ring=domain.ring, action_types={}, sources={}, detours=0, taken_back=0)
 
 
 def covered(grown: Grown) -> tuple[bool, float]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled
-from envs.mdp.action import CHAIN_EDGES, Cut, decode, decode_kind
+from envs.mdp.action import CHAIN_EDGES, Cut, decode, decode_type
 from envs.mdp.front import AREA, ELEMENTS, Front, retreat
 from envs.mdp.transition import Numbers, take
 from envs.types import Floats
@@ -22,13 +22,13 @@ class Trail(NamedTuple):
 
     Attributes:
         start: (E,) int64, first slot of its chain.
-        kind: (E,) int8, index into action.KINDS.
+        action_type: (E,) int8, index into action.ACTION_TYPES.
         source: (E,) int8, index into SOURCES.
         area: (E,) float64, the area that was left before it.
     """
 
     start: np.ndarray
-    kind: np.ndarray
+    action_type: np.ndarray
     source: np.ndarray
     area: Floats
 
@@ -37,7 +37,7 @@ def trail(elements: int) -> Trail:
     """Room for ``elements`` lines."""
     return Trail(
         start=np.zeros(elements, dtype=np.int64),
-        kind=np.zeros(elements, dtype=np.int8),
+        action_type=np.zeros(elements, dtype=np.int8),
         source=np.zeros(elements, dtype=np.int8),
         area=np.zeros(elements),
     )
@@ -50,10 +50,10 @@ def element(front: Front, slot: int, action: Floats, type2: bool, numbers: Numbe
 
 
 @compiled
-def cut_off(front: Front, trail: Trail, cut: Cut, kind: int, source: int, n_rv: int) -> None:
+def cut_off(front: Front, trail: Trail, cut: Cut, action_type: int, source: int, n_rv: int) -> None:
     """Cut an accepted element off the front and note it."""
     line = front.counts[ELEMENTS]
-    trail.start[line], trail.kind[line], trail.source[line] = cut.start, kind, source
+    trail.start[line], trail.action_type[line], trail.source[line] = cut.start, action_type, source
     trail.area[line] = front.measure[AREA]
     take(front, cut, n_rv)
 
@@ -64,7 +64,7 @@ def cut_action(
 ) -> None:
     """Cut the element that a valid action asks for at a slot off the front."""
     cut = element(front, slot, action, type2, numbers)
-    cut_off(front, trail, cut, decode_kind(action[0], type2), source, numbers.n_rv)
+    cut_off(front, trail, cut, decode_type(action[0], type2), source, numbers.n_rv)
 
 
 @compiled
@@ -72,4 +72,4 @@ def take_back(front: Front, trail: Trail, elements: int, n_rv: int) -> None:
     """Take the last elements back, exactly; at most as many as there are."""
     for _ in range(min(elements, front.counts[ELEMENTS])):
         line = front.counts[ELEMENTS] - 1
-        retreat(front, trail.start[line], CHAIN_EDGES[trail.kind[line]], trail.area[line], n_rv)
+        retreat(front, trail.start[line], CHAIN_EDGES[trail.action_type[line]], trail.area[line], n_rv)

@@ -25,9 +25,6 @@ from freemesh_ray.storage.atomic import replacing
 SHIPPED = {name: Path(__file__).parent / f"{name}.npz" for name in ("sparse", "medium", "dense")}
 DEFAULT = SHIPPED["medium"]
 
-#: What JSON may have for a parameter by the type of its default; for other types, just that.
-KINDS_OF: dict[type, tuple[type, ...]] = {type(None): (type(None), int), float: (float, int)}
-
 Layer = tuple[np.ndarray, np.ndarray]
 #: What reading a file raises that is no policy.
 UNREADABLE = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
@@ -83,21 +80,6 @@ def read_layers(archive: Mapping[str, np.ndarray], prefix: str) -> list[Layer]:
     return [(floats(f"{prefix}weight_{i}"), floats(f"{prefix}bias_{i}")) for i in range(count)]
 
 
-def read_parameters(given: Mapping[str, Any]) -> MeshingParameters:
-    """The MDP's parameters of a JSON object.
-
-    Raises:
-        ValueError: one is unknown, of another type than its default, or out of range.
-    """
-    defaults, values = asdict(MeshingParameters()), dict[str, Any]()
-    for name, value in given.items():
-        kind = type(defaults.get(name))
-        if type(value) not in KINDS_OF.get(kind, (kind,)):
-            raise ValueError(f"parameters.{name} = {str(value)[:40]!r}")
-        values[name] = float(value) if kind is float else value
-    return MeshingParameters(**values)
-
-
 @dataclass(frozen=True)
 class Policy:
     """A squashed-Gaussian actor.
@@ -117,7 +99,9 @@ class Policy:
     critic: Sequence[Layer] = ()
 
     def __post_init__(self) -> None:
-        seen, acted = self.parameters.observation_size, self.parameters.action_size
+        from envs.mdp.observation import observation_size  # with the compiled code, which is slow to import
+
+        seen, acted = observation_size(self.parameters), self.parameters.action_size
         check_layers(self.layers, "network", (), (seen, 2 * acted))
         if self.critic:
             check_layers(self.critic, "critic", self.critic[0][0].shape[:-2], (seen + acted, 1))
@@ -168,7 +152,7 @@ class Policy:
             archive = read_arrays(path)
             text = json.loads(str(archive["about"]))
             layers, critic = read_layers(archive, ""), read_layers(archive, "critic_")
-            parameters, about = read_parameters(text["parameters"]), dict(text["about"])
+            parameters, about = MeshingParameters(**text["parameters"]), dict(text["about"])
             return cls(layers, parameters, about, critic)
         except UNREADABLE as error:
             reason = " ".join(str(error).split())[:200]

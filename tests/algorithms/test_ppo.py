@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ def make(runners: int = 0, **training: Any) -> PPO:
     } | training
     return (
         PPOConfig()
-        .environment(register(), env_config={"domain": [load("T1"), load("T2")], **asdict(PARAMETERS)})
+        .environment(register(), env_config={"domain": [load("T1"), load("T2")], "parameters": PARAMETERS})
         .env_runners(num_env_runners=runners, num_envs_per_env_runner=4)
         .training(**settings)
         .debugging(seed=3, log_level="ERROR")
@@ -54,7 +53,7 @@ def test_the_environment_receives_the_squashed_actions() -> None:
     algorithm.env_runner.env.unwrapped.task.set({"T1": 1.0})
     begun = [episode for episode in algorithm.env_runner.rollout(400).episodes if episode.t_started == 0]
     longest = max(begun, key=len)
-    env = MeshVectorEnv(num_envs=1, domain="T1", **asdict(PARAMETERS))
+    env = MeshVectorEnv(num_envs=1, domain="T1", parameters=PARAMETERS)
     obs, _ = env.reset()
     assert len(longest) > 10
     for t, action in enumerate(longest.get_actions()):

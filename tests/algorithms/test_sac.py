@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +42,7 @@ def make(runners: int = 0, seed: int = 3, **training: Any) -> SAC:
     } | training
     return (
         SACConfig()
-        .environment(register(), env_config={"domain": [load("T1"), load("T2")], **asdict(MeshingParameters())})
+        .environment(register(), env_config={"domain": [load("T1"), load("T2")], "parameters": MeshingParameters()})
         .env_runners(num_env_runners=runners, num_envs_per_env_runner=4, rollout_fragment_length=10)
         .training(**settings)
         .debugging(seed=seed, log_level="ERROR")

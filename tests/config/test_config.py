@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from envs.types import OBSERVATIONS, RADII, MeshingParameters
+from envs.types import NAMED, SETTINGS, TINY, MeshingParameters
 from freemesh_ray.config import (
     SCHEMA,
     SHORTHANDS,
@@ -79,17 +81,63 @@ def test_the_defaults_hold_exactly_the_keys_of_the_schema_each_with_a_comment():
 
 def test_the_defaults_are_the_environments_own():
     assert meshing_parameters(load()) == MeshingParameters()
-    assert set(load()["env"]) == {*asdict(MeshingParameters()), "observation", "radius"}
+    assert set(load()["env"]) == {*asdict(MeshingParameters()), *NAMED}
 
 
-def test_ranges_of_the_environment_are_the_environments_own():
+NUMBER = r"(-?[0-9.]+(?:e[0-9]+)?|pi)"
+#: How a comment prints a range: ``1 to 8``, ``above 0, to 1e9``.
+RANGE = re.compile(rf"(?:(above 0,)|{NUMBER}) to {NUMBER}(?![\w.])")
+
+
+def comments() -> dict[str, str]:
+    """The comment beside each key of the defaults, its lines joined."""
+    found: dict[str, str] = {}
+    section = key = ""
+    for line in DEFAULTS_TEXT.splitlines():
+        text = line.partition("# ")[2].strip()
+        if setting := re.match(r"( *)(\w+):", line):
+            section = section if setting[1] else setting[2]
+            key = f"{section}.{setting[2]}" if setting[1] else setting[2]
+            found[key] = text
+        elif line.startswith(" "):
+            found[key] += f" {text}"
+    return found
+
+
+def test_the_defaults_print_the_range_of_every_number_and_every_word():
+    printed = comments()
     for key, field in SCHEMA.items():
-        section, _, name = key.partition(".")
-        if section == "env" and field.kind in (int, float) and not field.optional:
-            for bound in (field.low, field.high):
-                MeshingParameters(**{name: field.kind(bound)})
-            with pytest.raises(ValueError, match=name):
-                MeshingParameters(**{name: field.kind(field.low - 1)})
+        ranges = [
+            (TINY if above else float(low), math.pi if high == "pi" else float(high))
+            for above, low, high in RANGE.findall(printed[key])
+        ]
+        assert ranges == ([(field.low, field.high)] if field.kind in (int, float) else []), key
+        for word in [*field.words, *(["null"] if field.optional else [])]:
+            assert re.search(rf"\b{word}\b", printed[key]), (key, word)
+
+
+def test_the_defaults_say_of_the_environment_what_it_says_itself():
+    for name, setting in SETTINGS.items():
+        assert RANGE.sub("", comments()[f"env.{name}"]).removesuffix("; ") == setting.meaning
+
+
+@pytest.mark.parametrize("name", [name for name, setting in SETTINGS.items() if setting.kind in (int, float)])
+def test_the_environment_accepts_its_ranges_and_nothing_beyond(name: str):
+    setting = SETTINGS[name]
+    for bound in (setting.low, setting.high):
+        value = getattr(MeshingParameters(**{name: setting.kind(bound)}), name)
+        assert (value, type(value)) == (bound, setting.kind)
+        assert getattr(MeshingParameters(**{name: np.float64(bound)}), name) == bound
+    for wrong in (setting.low - 1, setting.high * 2, math.nan, math.inf, True, "1", [1]):
+        with pytest.raises(ValueError, match=rf"^MeshingParameters.{name} = .*: must be a (whole )?number in "):
+            MeshingParameters(**{name: wrong})
+
+
+def test_whole_numbers_switches_and_words_are_checked_too():
+    for name, setting in SETTINGS.items():
+        for wrong in {bool: (0, 1, "true"), int: (1.5,), str: ("x", 1, True), float: ()}[setting.kind]:
+            with pytest.raises(ValueError, match=f"MeshingParameters.{name} = "):
+                MeshingParameters(**{name: wrong})
 
 
 @pytest.mark.parametrize("name", ["train_default", "train_paper", "train_smoke"])
@@ -166,10 +214,10 @@ def test_loading_twice_gives_trees_that_share_nothing():
     assert load() == load()
 
 
-@pytest.mark.parametrize("name", OBSERVATIONS)
+@pytest.mark.parametrize("name", NAMED["observation"])
 def test_a_named_observation_sets_its_numbers(name: str):
     env = load(sets=[f"env.observation={name}"])["env"]
-    assert {key: env[key] for key in OBSERVATIONS[name]} == OBSERVATIONS[name]
+    assert env.items() >= NAMED["observation"][name].items()
     assert env["observation"] == name
 
 
@@ -177,7 +225,7 @@ def test_a_number_beside_or_after_a_name_has_its_way_and_the_name_is_dropped(tmp
     path = written("env:\n  n: 5\n  observation: O3\n  radius: R1\n", tmp_path)
     env = load([path])["env"]
     assert (env["n"], env["g"], env["observation"]) == (5, 4, None)
-    assert (env["alpha"], env["radius"]) == (RADII["R1"], "R1")
+    assert (env["alpha"], env["radius"]) == (1.0, "R1")
     assert load([path], ["env.alpha=2.5"])["env"]["radius"] is None
     assert load([path], ["env.n=3"])["env"]["observation"] == "O3"
 

@@ -11,13 +11,13 @@ from gymnasium.utils.env_checker import check_env
 from play import generic
 
 from envs.domains.load import load
-from envs.mdp.action import KINDS, REJECTIONS
+from envs.mdp.action import ACTION_TYPES, REJECTIONS
 from envs.mdp.front import element_cap
 from envs.mesh import Mesh
 from envs.mesh_env import MeshEnv, Task
 from envs.types import Domain, DomainError, MeshingParameters
 
-STEP_KEYS = {"eta_e", "eta_b", "mu", "nu", "rejection", "kind"}
+STEP_KEYS = {"eta_e", "eta_b", "mu", "nu", "rejection", "action_type"}
 END_KEYS = {"mesh", "completed", "elements", "mean_eta", "domain", "task"}
 
 QUAD = Domain(
@@ -95,7 +95,7 @@ def test_infos(seed: int) -> None:
     for observation, reward, terminated, truncated, info in taken:
         assert info.keys() == (STEP_KEYS | END_KEYS if terminated or truncated else STEP_KEYS)
         assert info["rejection"] in REJECTIONS
-        assert info["kind"] in KINDS
+        assert info["action_type"] in ACTION_TYPES
         assert type(reward) is float
         assert type(terminated) is type(truncated) is bool
         assert observation.dtype == np.float32
@@ -168,10 +168,10 @@ def test_render(render_mode: str | None, steps: int) -> None:
         ({"gama": 0.9}, "unknown environment option 'gama'; known: n, g, beta"),
         ({"observation": "O4"}, "observation = 'O4': use one of O1, O2, O3"),
         ({"radius": "R0"}, "radius = 'R0': use one of R1, R2, R3"),
-        ({"n": 0}, r"MeshingParameters.n = 0: must lie in \[1, 8\]"),
-        ({"density": "dense"}, "density = 'dense': use one of continuous, printed, local"),
+        ({"n": 0}, r"MeshingParameters.n = 0: must be a whole number in \[1, 8\]"),
+        ({"density": "dense"}, "density = 'dense': must be continuous or printed or local"),
         ({"beta": float("nan")}, "MeshingParameters.beta = nan"),
-        ({"max_elements": 0}, "max_elements = 0: must be at least 1"),
+        ({"max_elements": 0}, "max_elements = 0: must be a whole number in"),
         ({"render_mode": "human"}, "render_mode = 'human': use 'rgb_array' or None"),
         ({"domain": QUAD}, "quad: a ring of 4 vertices is one element already; an episode needs at least 6"),
         ({"domain": []}, "no domain to mesh: give at least one"),

@@ -13,7 +13,7 @@ from play import record
 
 from envs.domains.load import load
 
-HERE = Path(__file__).parent
+TESTS = Path(__file__).parents[1]
 SCRIPT = """
 import sys, numpy
 from play import record
@@ -28,14 +28,14 @@ def interpreted(*arguments: str) -> None:
     """Run Python without the JIT; a failure shows what it printed."""
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(
-        [sys.executable, *arguments], cwd=HERE, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, *arguments], cwd=TESTS, env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_kernel_tests_pass_interpreted() -> None:
-    names = ("test_geometry.py", "test_slot_tree.py", "test_quality.py")
-    interpreted("-m", "pytest", "-p", "no:cacheprovider", *(str(HERE / name) for name in names))
+    names = ("kernels/test_geometry.py", "kernels/test_slot_tree.py", "test_quality.py")
+    interpreted("-m", "pytest", "-p", "no:cacheprovider", *(f"envs/{name}" for name in names))
 
 
 @pytest.mark.parametrize(("name", "type2"), [("random:11", False), ("random:3", True)])

@@ -15,7 +15,7 @@ from envs.domains.load import from_rings, load
 from envs.domains.random_domain import circle
 from envs.filling.convex_fill import FillError
 from envs.mdp import front as fr
-from envs.mdp.action import ACCEPTED, ONE, TWO, decode_kind
+from envs.mdp.action import ACCEPTED, TYPE_1, TYPE_2, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
 from envs.mdp.transition import numbers
 from envs.quality import element_quality
@@ -56,13 +56,13 @@ def assert_valid(grown: Grown, domain: Domain) -> None:
     assert made.defects(domain.area if made.complete else None) == []
     np.testing.assert_array_equal(made.vertices[: len(domain.points)], domain.points)
     assert sum(grown.sources.values()) == len(made.quads)
-    assert sum(grown.kinds.values()) == len(made.quads) - int(made.complete)
+    assert sum(grown.action_types.values()) == len(made.quads) - int(made.complete)
     assert made.complete == (len(grown.ring) == 0)
     if not made.complete:
         x, y = made.vertices[grown.ring].T
         left = 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
         assert left + made.areas.sum() == pytest.approx(domain.area, rel=1e-9)
-    new = 2 * grown.kinds["two"] + grown.kinds["one"]
+    new = 2 * grown.action_types["type 2"] + grown.action_types["type 1"]
     assert len(made.vertices) == len(domain.points) + new
 
 
@@ -119,7 +119,7 @@ def test_a_smooth_boundary_is_begun(n: int) -> None:
     assert_valid(grown, domain)
     assert len(grown.mesh.quads) >= 50
     if n >= 250:
-        assert grown.kinds["two"] > 0
+        assert grown.action_types["type 2"] > 0
         assert element_quality(grown.mesh.vertices, grown.mesh.quads[:1])[0] > 0.9
 
 
@@ -180,7 +180,7 @@ def test_finishing_can_be_left_out() -> None:
 
 
 def begun(domain: Domain, policy: Policy) -> Front:
-    """A fresh front with room for a few elements of all kinds."""
+    """A fresh front with room for a few elements of all types."""
     start = fr.template(domain, policy.parameters, 128)
     return fr.with_room(start, 64, 32)
 
@@ -191,18 +191,18 @@ def test_shapes_are_square_where_the_front_is() -> None:
         [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (3, 2), (3, 3), (2, 3), (1, 3), (0, 3), (0, 2), (0, 1)]
     )
     front, mdp, action = begun(domain, BISECTOR), numbers(MeshingParameters()), np.empty(5)
-    best = {ONE: 0.0, TWO: 0.0}
+    best = {TYPE_1: 0.0, TYPE_2: 0.0}
     for slot in range(12):
         for index in range(SHAPES):
             if not shape(front, slot, index, mdp.n, mdp.alpha, action):
                 continue
             cut = element(front, slot, action, True, mdp)
-            kind = decode_kind(action[0], True)
+            kind = decode_type(action[0], True)
             if cut.rejection == ACCEPTED and kind in best:
                 corners = np.stack([cut.x, cut.y], axis=1)
                 best[kind] = max(best[kind], element_quality(corners, np.arange(4)[None])[0])
-    assert best[ONE] == pytest.approx(1.0)
-    assert best[TWO] == pytest.approx(1.0)
+    assert best[TYPE_1] == pytest.approx(1.0)
+    assert best[TYPE_2] == pytest.approx(1.0)
 
 
 @settings(max_examples=30)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray.mesher.agent import agent, mean_action, sampled_action, value
 from freemesh_ray.mesher.network import LANES, forward, pack, padded
@@ -62,7 +63,7 @@ def test_padding_is_the_least(width: int) -> None:
 
 @pytest.mark.parametrize("parameters", [MeshingParameters(), MeshingParameters(n=3, g=4, type2=True)])
 def test_actions_are_the_policy_s(parameters: MeshingParameters) -> None:
-    size, acted = parameters.observation_size, parameters.action_size
+    size, acted = observation_size(parameters), parameters.action_size
     policy = Policy(layers([size, 40, 40, 2 * acted], 1), parameters)
     compiled, action = agent(policy), np.empty(5)
     for obs in np.random.default_rng(2).uniform(-1, 2, (20, size)).astype(np.float32):

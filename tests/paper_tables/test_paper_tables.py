@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from envs.domains.load import from_rings, load
+from envs.mdp.observation import observation_size
 from envs.mesh import Mesh
 from envs.types import Domain, MeshingParameters
 from freemesh_ray import export
@@ -54,7 +55,7 @@ def uniform(parameters: MeshingParameters | None = None) -> Policy:
     """A policy that draws nearly uniform actions: enough for a square of eight vertices."""
     bias = np.array([0, 0, 0, 0.3, 0.3, 0.3], dtype=np.float32)
     parameters = parameters or MeshingParameters()
-    return Policy([(np.zeros((parameters.observation_size, 6), dtype=np.float32), bias)], parameters)
+    return Policy([(np.zeros((observation_size(parameters), 6), dtype=np.float32), bias)], parameters)
 
 
 def cells(text: str, first: str) -> list[str]:
@@ -104,7 +105,7 @@ def test_action_types_are_the_kinds_of_the_accepted_actions(type2: bool) -> None
         for turn in turns(domain, seed, tries=64, type2=type2):
             if turn.chosen is None:
                 continue
-            recorded[adds[turn.episodes.out.kind[turn.chosen]]] += 1
+            recorded[adds[turn.episodes.out.action_type[turn.chosen]]] += 1
             if turn.episodes.out.terminated[turn.chosen]:
                 completed += 1
                 mesh = turn.episodes.mesh(turn.chosen)

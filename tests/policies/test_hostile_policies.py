@@ -17,6 +17,7 @@ import pytest
 from confined import confined_pool, each
 from mutants import mutants
 
+from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray.policies.policy import Policy, PolicyError
 
@@ -37,7 +38,7 @@ class Payload:
 def sound() -> dict[str, np.ndarray]:
     """The arrays of a small policy, with what mutations have to find."""
     random = np.random.default_rng(0)
-    sizes = [MeshingParameters().observation_size, 4, 6]
+    sizes = [observation_size(MeshingParameters()), 4, 6]
     arrays = {"about": np.array(json.dumps({"parameters": {"n": 2, "beta": 6, "max_elements": None}, "about": {}}))}
     for i, (a, b) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
         arrays |= {f"weight_{i}": random.random((a, b), dtype=np.float32), f"bias_{i}": np.zeros(b, dtype=np.float32)}
@@ -105,8 +106,8 @@ def test_what_unpacks_to_very_much_is_not_unpacked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("parameters", "message"),
-    [({"n": 2.0}, "n = '2.0'"), ({"n": True}, "n = 'True'"), ({"beta": "6"}, "beta"), ({"max_elements": 1e300}, "max"),
-     ({"extended": 1}, "extended"), ({"density": ["local"]}, "density"), ({"k": 1}, "'k'"), ([], "attribute")],
+    [({"n": 2.5}, "n = 2.5"), ({"n": True}, "n = True"), ({"beta": "6"}, "beta"), ({"max_elements": 1e300}, "max"),
+     ({"extended": 1}, "extended"), ({"density": ["local"]}, "density"), ({"k": 1}, "'k'"), ([], "mapping")],
 )  # fmt: skip
 def test_parameters_of_other_types_are_refused(tmp_path: Path, parameters: Any, message: str) -> None:
     path = tmp_path / "policy.npz"
@@ -147,7 +148,7 @@ def is_policy(path: Path, number: int) -> bool:
         assert re.match(rf"{re.escape(str(path))}: not a policy file \([^\n]*\); give the policy", message)
         assert len(message) < len(str(path)) + 300
         return False
-    seen = np.random.default_rng(number).uniform(-10, 10, (3, policy.parameters.observation_size)).astype(np.float32)
+    seen = np.random.default_rng(number).uniform(-10, 10, (3, observation_size(policy.parameters))).astype(np.float32)
     actions = policy.act(seen, True, np.random.default_rng(number))
     assert actions.shape == (3, policy.parameters.action_size)
     assert actions.dtype == np.float32

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray.algorithms import squashed_gaussian
 from freemesh_ray.algorithms.networks import Mlp
@@ -19,7 +20,7 @@ from freemesh_ray.policies.policy import Policy, PolicyError
 def policy(seed: int = 0, **parameters: object) -> Policy:
     random = np.random.default_rng(seed)
     made = MeshingParameters(**parameters)
-    sizes = [made.observation_size, 16, 16, 2 * made.action_size]
+    sizes = [observation_size(made), 16, 16, 2 * made.action_size]
     layers = [
         (random.standard_normal((a, b)).astype(np.float32) / 4, random.standard_normal(b).astype(np.float32))
         for a, b in zip(sizes[:-1], sizes[1:], strict=True)

@@ -15,21 +15,21 @@ from envs.domains.load import from_rings, load
 from envs.mdp.action import (
     ACCEPTED,
     CHAIN_EDGES,
-    LEFT,
-    ONE,
     REJECTIONS,
-    RIGHT,
-    TWO,
-    decode_kind,
+    TYPE_0_LEFT,
+    TYPE_0_RIGHT,
+    TYPE_1,
+    TYPE_2,
     decode_point,
-    encode_kind,
+    decode_type,
     encode_point,
+    encode_type,
 )
 from envs.mdp.episodes import Episodes
 from envs.mdp.front import ELEMENTS, TOLERANCE, reference_slot
 from envs.types import MAX_ELEMENT_ANGLE, MIN_ELEMENT_ANGLE, Domain, Floats, MeshingParameters
 
-KINDS_OF = {False: (RIGHT, ONE, LEFT), True: (RIGHT, ONE, LEFT, TWO)}
+TYPES_OF = {False: (TYPE_0_RIGHT, TYPE_1, TYPE_0_LEFT), True: (TYPE_0_RIGHT, TYPE_1, TYPE_0_LEFT, TYPE_2)}
 
 
 def angles(ring: Floats) -> Floats:
@@ -44,9 +44,9 @@ def fit(corners: Floats) -> bool:
     return bool(inside.min() > MIN_ELEMENT_ANGLE and inside.max() < MAX_ELEMENT_ANGLE)
 
 
-def kind_of(value: float, type2: bool) -> int:
-    kinds = KINDS_OF[type2]
-    return kinds[min(len(kinds) - 1, int((value + 1.0) / 2.0 * len(kinds)))]
+def type_of(value: float, type2: bool) -> int:
+    types = TYPES_OF[type2]
+    return types[min(len(types) - 1, int((value + 1.0) / 2.0 * len(types)))]
 
 
 def new_points(ring: Floats, pairs: Sequence[tuple[float, float]], n: int, alpha: float) -> Floats:
@@ -62,9 +62,9 @@ def new_points(ring: Floats, pairs: Sequence[tuple[float, float]], n: int, alpha
 
 def element_of(ring: Floats, action: Floats, type2: bool, n: int, alpha: float) -> tuple[Floats, Floats, int]:
     """The corners asked for, the ring that they would leave (its chain start first), and the chain's edges."""
-    kind = kind_of(action[0], type2)
-    k = CHAIN_EDGES[kind]
-    turned = np.roll(ring, {RIGHT: 1, ONE: 1, LEFT: 2, TWO: 0}[kind], axis=0)
+    action_type = type_of(action[0], type2)
+    k = CHAIN_EDGES[action_type]
+    turned = np.roll(ring, {TYPE_0_RIGHT: 1, TYPE_1: 1, TYPE_0_LEFT: 2, TYPE_2: 0}[action_type], axis=0)
     new = new_points(ring, [tuple(action[i : i + 2]) for i in (1, 3)][: 3 - k], n, alpha)
     corners = np.concatenate([turned[: k + 1], new])
     return corners, np.concatenate([turned[:1], new[::-1], turned[k:]]), k
@@ -104,13 +104,13 @@ def assert_judged_rightly(turn: Turn, type2: bool, n: int, alpha: float) -> list
 
 
 @given(st.floats(-1.0, 1.0), st.booleans())
-def test_kinds_share_the_range_equally(value: float, type2: bool) -> None:
-    assert decode_kind(value, type2) == kind_of(value, type2)
+def test_types_share_the_range_equally(value: float, type2: bool) -> None:
+    assert decode_type(value, type2) == type_of(value, type2)
 
 
 def test_ends_of_the_range_and_the_middle() -> None:
-    assert [decode_kind(v, False) for v in (-1.0, -0.34, -0.33, 0.0, 0.33, 0.34, 1.0)] == [0, 0, 1, 1, 1, 2, 2]
-    assert [decode_kind(v, True) for v in (-1.0, -0.51, -0.49, -0.01, 0.01, 0.49, 0.51, 1.0)] == [
+    assert [decode_type(v, False) for v in (-1.0, -0.34, -0.33, 0.0, 0.33, 0.34, 1.0)] == [0, 0, 1, 1, 1, 2, 2]
+    assert [decode_type(v, True) for v in (-1.0, -0.51, -0.49, -0.01, 0.01, 0.49, 0.51, 1.0)] == [
         0,
         0,
         1,
@@ -148,9 +148,9 @@ def test_encoding_inverts_decoding(seed: int, radius: float, turn: float, reach:
 
 
 @pytest.mark.parametrize("type2", [False, True])
-def test_encoding_a_kind_inverts_decoding_it(type2: bool) -> None:
-    for kind in KINDS_OF[type2]:
-        assert decode_kind(encode_kind(kind, type2), type2) == kind
+def test_encoding_a_type_inverts_decoding_it(type2: bool) -> None:
+    for action_type in TYPES_OF[type2]:
+        assert decode_type(encode_type(action_type, type2), type2) == action_type
 
 
 @pytest.mark.parametrize(("n", "alpha", "type2"), [(2, 2.0, False), (1, 3.0, False), (3, 1.0, True)])

@@ -10,7 +10,7 @@ from play import turns
 
 from envs.domains.load import load
 from envs.mdp.front import AREA, ELEMENTS, GIVEN, POINTS, REGULAR, reference_slot, sizes, wanted
-from envs.mdp.observation import names
+from envs.mdp.observation import observation_names
 from envs.mesh_env import spaces_of
 from envs.types import MeshingParameters
 
@@ -48,7 +48,7 @@ def test_the_boundary_wants_an_element_for_every_right_angle(name: str) -> None:
 def test_it_is_observed(name: str) -> None:
     parameters = MeshingParameters(extended=True)
     box, _ = spaces_of(parameters)
-    labels = names(parameters)
+    labels = observation_names(parameters)
     assert labels[-6:] == ["l2_lacks", "l1_lacks", "0_lacks", "r1_lacks", "r2_lacks", "size"]
     for turn in turns(load(name), 1, limit=40, extended=True):
         if turn.chosen is None or turn.episodes.out.terminated[turn.chosen]:

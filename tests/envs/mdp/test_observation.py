@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,12 @@ from hypothesis import strategies as st
 from play import coordinates, generic, record, turns
 
 from envs.domains.load import load
-from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front
-from envs.mdp.observation import bounds, names
+from envs.mdp import observation
+from envs.mdp.episodes import Episodes
+from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front, reference_slot
+from envs.mdp.observation import Entry, entries, observation_names, observation_size, observe
 from envs.mesh_env import spaces_of
-from envs.types import OBSERVATIONS, Domain, Floats, MeshingParameters
+from envs.types import NAMED, Domain, Floats, MeshingParameters
 
 parameter_sets = st.builds(
     MeshingParameters,
@@ -86,37 +89,54 @@ def placed(domain: Domain, turn: float, scale: float, shift: tuple[float, float]
     return replace(domain, points=scale * moved)
 
 
-@given(parameter_sets)
-def test_sizes_names_and_bounds_go_together(parameters: MeshingParameters) -> None:
-    low, high = bounds(parameters)
-    size = 4 * parameters.n + 2 * parameters.g + 1
-    assert parameters.observation_size == size == len(low) == len(high) == len(names(parameters))
-    assert len(set(names(parameters))) == size
+def documented(parameters: MeshingParameters) -> dict[int, Entry]:
+    """The entries that the module's text lists, by index."""
+    n, g = parameters.n, parameters.g
+    groups = {"l": range(1, n + 1), "r": range(1, n + 1), "zeta": range(1, g + 1)}
+    row = re.compile(r"    (\d.*?)\s{2,}((?:(\w+)\{j\}_)?\w+)\s{2,}(\S.*?)\s{2,}\[(-?\d), (-?\d)\]")
+    found: dict[int, Entry] = {}
+    for index, name, points, unit, low, high in row.findall(str(observation.__doc__)):
+        for j in groups[points] if points else [0]:
+            at = eval(re.sub(r"(\d) (?=[(a-z])", r"\1 * ", index), {"n": n, "g": g, "j": j})
+            assert at not in found
+            found[at] = Entry(name.replace("{j}", str(j)), unit, int(low), int(high))
+    return found
+
+
+@given(parameter_sets, st.booleans())
+def test_size_names_bounds_and_text_are_the_table_s(parameters: MeshingParameters, extended: bool) -> None:
+    parameters = replace(parameters, extended=extended)
+    table, size = entries(parameters), observation_size(parameters)
+    assert size == 4 * parameters.n + 2 * parameters.g + 1 + extended * (2 * parameters.n + 2) == len(table)
+    assert observation_names(parameters) == [entry.name for entry in table]
+    assert len(set(observation_names(parameters))) == size
+    told = documented(parameters)
+    assert [told[at] for at in range(size)] == table
+    assert extended == (len(told) == size)
     box, _ = spaces_of(parameters)
-    assert box.is_bounded()
-    assert box.dtype == np.float32
-    assert (low < high).all()
+    assert (box.shape, box.dtype) == ((size,), np.float32)
+    assert [(entry.low, entry.high) for entry in table] == list(zip(box.low.tolist(), box.high.tolist(), strict=True))
+    assert all(-np.inf < entry.low < entry.high < np.inf for entry in table)
 
 
 def test_o2_is_laid_out_as_documented() -> None:
-    parameters = MeshingParameters(**OBSERVATIONS["O2"])
+    parameters = MeshingParameters(**NAMED["observation"]["O2"])  # type: ignore[arg-type]
     assert parameters == MeshingParameters()
-    assert parameters.observation_size == 15
+    assert observation_size(parameters) == 15
     points = ["l2", "l1", "r1", "r2", "zeta1", "zeta2", "zeta3"]
-    assert names(parameters) == [f"{p}_{part}" for p in points for part in ("length", "angle")] + ["rho"]
+    assert observation_names(parameters) == [f"{p}_{part}" for p in points for part in ("length", "angle")] + ["rho"]
 
 
-@given(parameter_sets)
-def test_the_table_of_indices_is_right(parameters: MeshingParameters) -> None:
-    n, g, found = parameters.n, parameters.g, names(parameters)
-    low, high = bounds(parameters)
-    rows = [(f"l{j}", 2 * (n - j), (-1, 3)) for j in range(1, n + 1)]
-    rows += [(f"r{j}", 2 * n + 2 * (j - 1), (-1, 1)) for j in range(1, n + 1)]
-    rows += [(f"zeta{j}", 4 * n + 2 * (j - 1), (0, 2)) for j in range(1, g + 1)]
-    for point, at, angles in rows:
-        assert (found[at], found[at + 1]) == (f"{point}_length", f"{point}_angle")
-        assert (low[at], high[at], low[at + 1], high[at + 1]) == (0, 1, *angles)
-    assert (found[4 * n + 2 * g], low[-1], high[-1]) == ("rho", 0, 1)
+@settings(max_examples=25)
+@given(parameter_sets, st.booleans(), st.integers(0, 20))
+def test_every_entry_is_written_and_nothing_beyond(parameters: MeshingParameters, extended: bool, seed: int) -> None:
+    parameters = replace(parameters, extended=extended)
+    episodes = Episodes([generic("random:11", seed)], parameters, 1)
+    episodes.start(0, 0)
+    front, size = episodes.front(0), observation_size(parameters)
+    out = np.full(size + 3, np.nan, dtype=np.float32)
+    observe(front, reference_slot(front), parameters.n, parameters.g, parameters.beta, extended, out)
+    np.testing.assert_array_equal(np.isnan(out), np.arange(size + 3) >= size)
 
 
 def test_a_square_front_is_seen_as_drawn() -> None:
@@ -133,21 +153,25 @@ def test_a_square_front_is_seen_as_drawn() -> None:
 
 
 @settings(max_examples=25)
-@given(parameter_sets, st.integers(0, 500), st.booleans(), st.integers(0, 2))
-def test_play_stays_within_the_bounds(parameters: MeshingParameters, seed: int, type2: bool, holes: int) -> None:
+@given(parameter_sets, st.booleans(), st.integers(0, 500), st.booleans(), st.integers(0, 2))
+def test_play_stays_within_the_bounds(
+    parameters: MeshingParameters, extended: bool, seed: int, type2: bool, holes: int
+) -> None:
     domain = load(f"random:{seed}?vertices=40&holes={holes}")
-    options = {"n": parameters.n, "g": parameters.g, "beta": parameters.beta, "n_rv": parameters.n_rv}
-    box, _ = spaces_of(replace(parameters, type2=type2))
-    observations = record(domain, seed, 150, type2=type2, **options)[0]
+    options = {name: getattr(parameters, name) for name in ("n", "g", "beta", "n_rv")}
+    observations = record(domain, seed, 150, type2=type2, extended=extended, **options)[0]
+    table = entries(replace(parameters, extended=extended))
     assert observations.dtype == np.float32
-    assert np.isfinite(observations).all()
-    assert all(box.contains(row) for row in observations)
+    assert observations.shape[1] == len(table)
+    for entry, values in zip(table, observations.T, strict=True):
+        assert entry.low <= values.min() <= values.max() <= entry.high, entry.name  # a NaN is neither
 
 
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("T1", {}), ("T2", {}), ("D9", {}), ("random:3", {}), ("random:5", {}), ("random:20", OBSERVATIONS["O3"]),
+        ("T1", {}), ("T2", {}), ("D9", {}), ("random:3", {}), ("random:5", {}),
+        ("random:20", NAMED["observation"]["O3"]),
         ("random:11", {"n": 1, "g": 1, "beta": 2.0}), ("random:58?holes=2&vertices=60", {"n": 4, "g": 8, "beta": 10.0}),
         ("random:3", {"type2": True, "n": 8, "g": 16}),
     ],

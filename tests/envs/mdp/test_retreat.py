@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from envs.domains.load import load
 from envs.mdp import front as fr
-from envs.mdp.action import ACCEPTED, decode_kind
+from envs.mdp.action import ACCEPTED, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
 from envs.mdp.transition import Numbers, numbers
 from envs.types import MeshingParameters
@@ -20,7 +20,7 @@ ROOM = 200
 
 
 def begun(name: str, n_rv: int) -> tuple[Front, Trail, Numbers]:
-    """A fresh front with room for elements of all kinds."""
+    """A fresh front with room for elements of all types."""
     parameters, domain = MeshingParameters(n_rv=n_rv, type2=True), load(name)
     start = fr.template(domain, parameters, fr.capacity(len(domain.ring), parameters))
     return fr.with_room(start, 2 * ROOM, ROOM), trail(ROOM), numbers(parameters)
@@ -76,5 +76,5 @@ def test_several_taken_back_at_once_and_cut_again(name: str, seed: int, back: in
 def test_all_kinds_were_played() -> None:
     front, log, mdp = begun("T1", 2)
     play(front, log, mdp, 0, 2000)
-    kinds = {int(kind) for kind in log.kind[: front.counts[ELEMENTS]]}
-    assert kinds == {decode_kind(value, True) for value in (-0.9, -0.4, 0.1, 0.9)}
+    types = {int(one) for one in log.action_type[: front.counts[ELEMENTS]]}
+    assert types == {decode_type(value, True) for value in (-0.9, -0.4, 0.1, 0.9)}
