@@ -1,4 +1,4 @@
-"""Env steps a second, and the domains that are made as large as a measurement wants them."""
+"""Env steps a second against the length of the front, on domains made as large as a measurement wants them."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def cycled(actions: np.ndarray) -> Iterator[np.ndarray]:
         yield from batches
 
 
-def bench_env(seconds: float) -> None:
+def run(seconds: float) -> None:
     """Batched env steps a second against the front's length; every action valid, and actions drawn at random."""
     rows, speeds = [], []
     random = np.random.default_rng(0)

@@ -66,7 +66,7 @@ def updates_per_second(device: str, batch: int, count: int, seconds: float) -> f
     return calls * count / (time.perf_counter() - began)
 
 
-def bench_gpu(seconds: float) -> None:
+def run(seconds: float) -> None:
     """Updates a second of SAC's learner against batch size and updates a call, on the CPU and, where it is, on CUDA."""
     import torch
 

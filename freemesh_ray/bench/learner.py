@@ -43,7 +43,7 @@ def their_updates_per_second(seconds: float) -> float:
     return (model._n_updates - clock.updates) / (time.perf_counter() - clock.began)
 
 
-def bench_learner(seconds: float) -> None:
+def run(seconds: float) -> None:
     """Updates a second of whole training rounds, ours and Stable-Baselines3's in turn, three times each."""
     with local_ray(0):
         pairs = [(our_updates_per_second(seconds), their_updates_per_second(seconds)) for _ in range(3)]

@@ -21,7 +21,7 @@ def disc(n: int) -> Domain:
     return from_rings(circle(n), name=f"disc{n}")
 
 
-def bench_mesher(policy: Policy) -> None:
+def run(policy: Policy) -> None:
     """Elements a second of the mesher against the size of the mesh, raw and finished; the fastest of three."""
     rows, sizes, times = [], [], []
     for domain in [*map(disc, DISCS), *map(cross, CROSSES)]:

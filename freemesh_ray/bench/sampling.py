@@ -11,7 +11,7 @@ from freemesh_ray.local_ray import local_ray
 FRAGMENTS = (8, 64, 256)
 
 
-def bench_sampling(seconds: float) -> None:
+def run(seconds: float) -> None:
     """Transitions a second with 0, 1 and 2 env runners, policy included, and with what larger fragments give."""
     rows = []
     for runners in (0, 1, 2):

@@ -10,7 +10,7 @@ import socket
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from urllib.parse import urlencode
@@ -22,7 +22,7 @@ from envs.types import Domain
 from freemesh_ray.formatting.table import number, table
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.limits import Limits
-from freemesh_ray.serving.service import serving
+from freemesh_ray.serving.service import running_service
 
 #: What is meshed, by how many clients at a time, with how many replicas.
 DOMAINS, CLIENTS, REPLICAS = ("D4", "part:3"), (1, 4, 16), (1, 2)
@@ -94,17 +94,17 @@ def geojson(domain: Domain) -> bytes:
     return json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}).encode()
 
 
-def bench(policies: Mapping[str, Policy], seconds: float) -> None:
+def run(policy: Policy, seconds: float) -> None:
     """Print the tables.
 
     Args:
-        policies: by density.
+        policy: by which is meshed.
         seconds: of each measurement.
     """
     rows, killed = [], ""
     for replicas in REPLICAS:
         port = free_port()
-        with serving(policies, Limits(), port=port, replicas=replicas):
+        with running_service({"given": policy}, Limits(), port=port, replicas=replicas):
             for name in DOMAINS:
                 body = geojson(load(name))
                 rows += [measured(port, body, name, replicas, count, seconds) for count in CLIENTS]

@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
+from freemesh_ray.bench import registry
+from freemesh_ray.bench.registry import BENCHMARKS
 from freemesh_ray.cli.arguments import add_command, add_policy, seconds
 
-#: What is measured when nothing is named.
-USUAL = ("env", "learner", "sampling")
+
+def _listed() -> str:
+    """Name and meaning of every benchmark, a line each."""
+    width = max(map(len, BENCHMARKS))
+    return "\n".join(
+        f"  {name:{width}}  {one.meaning}{' (default)' if one.default else ''}" for name, one in BENCHMARKS.items()
+    )
+
+
+def _with(argument: str) -> str:
+    """The benchmarks that take an argument, for its help."""
+    return ", ".join(name for name, one in BENCHMARKS.items() if argument in one.takes)
 
 
 def add(commands: Any) -> None:
     """Add the command to the grammar."""
     bench = add_command(
-        commands, "bench", "measure speeds on this machine", "Measure environment, learner and sampling speed."
-    )
+        commands, "bench", "measure speeds on this machine", "Measure speeds on this machine.",
+        f"benchmarks:\n{_listed()}",
+    )  # fmt: skip
     bench.add_argument(
-        "--part",
-        action="append",
-        choices=["env", "learner", "sampling", "mesher", "serving", "curves", "algorithms", "gpu", "scaling"],
-        metavar="PART",
-        help="env, learner, sampling (default: these three), mesher, serving, gpu (batch sizes on CPU and CUDA), "
-        "scaling (env runners and learners, long), curves or algorithms (against Stable-Baselines3, long); repeatable",
-    )
-    add_policy(bench, more=", of the mesher")
-    bench.add_argument("--seconds", type=seconds, default=5.0, help="of each measurement (5)")
-    bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves and scaling are written")
+        "--part", action="append", choices=list(BENCHMARKS), metavar="BENCHMARK",
+        help="what to measure, see below; repeatable (default: those marked)",
+    )  # fmt: skip
+    add_policy(bench, more=f"; for {_with('policy')}")
+    bench.add_argument("--seconds", type=seconds, default=5.0, help=f"of each measurement (5); for {_with('seconds')}")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -36,9 +43,8 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         PolicyError: the policy file cannot be used.
     """
-    from freemesh_ray import bench
     from freemesh_ray.policies.policy import DEFAULT, Policy
 
     policy = Policy.load(options.policy or DEFAULT)
-    bench.run(options.part or USUAL, seconds=options.seconds, folder=Path(options.out), policy=policy)
+    registry.run(options.part or (), seconds=options.seconds, policy=policy)
     return 0

@@ -1,4 +1,4 @@
-"""``freemesh serve``: its grammar and what it calls."""
+"""``freemesh serve``: meshing over HTTP."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ examples:
   curl --data-binary @part.geojson 'http://127.0.0.1:8000/mesh?edge_length=0.1'
   curl --data-binary @part.geojson 'http://127.0.0.1:8000/mesh?edge_length=0.1&format=inp' -o part.inp
 
-With {TOKEN} set, clients have to send the header Authorization: Bearer TOKEN; without it only this machine may be
-served. Every parameter, limit and status is in docs/serving.md. Ctrl-C stops it.
+With {TOKEN} set, clients have to send the header Authorization: Bearer TOKEN; without it only 127.0.0.1 is
+listened on. Every parameter, limit and status is in docs/serving.md. Ctrl-C stops it.
 """
 
 
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.policies.policy import SHIPPED, Policy
     from freemesh_ray.serving.http_app import digest
     from freemesh_ray.serving.limits import Limits
-    from freemesh_ray.serving.service import ServiceError, is_loopback, serving
+    from freemesh_ray.serving.service import ServiceError, is_loopback, running_service
 
     files = {"given": options.policy} if options.policy else SHIPPED
     policies = {density: Policy.load(file) for density, file in files.items()}
@@ -65,8 +65,8 @@ def run(options: argparse.Namespace) -> int:
     token = os.environ.get(TOKEN, "")
     try:
         if not token and not is_loopback(options.host):
-            raise ServiceError(f"--host {options.host}: others could mesh here: set {TOKEN}, or use 127.0.0.1")
-        with serving(
+            raise ServiceError(f"--host {options.host}: anyone could mesh here: set {TOKEN}, or use 127.0.0.1")
+        with running_service(
             policies, limits, host=options.host, port=options.port, replicas=options.replicas,
             token=digest(token) if token else None,
         ):  # fmt: skip

@@ -1,4 +1,4 @@
-"""A polygon's text in, the answer out: what a worker process does."""
+"""From a request to its answer: what a worker process does."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError
 from freemesh_ray.mesher import MeshingError, make
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.serving.formats import MEDIA, encoded
+from freemesh_ray.serving.formats import JSON, MEDIA_TYPES, encoded
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.parameters import Parameters
 from freemesh_ray.storage.atomic import OutputError
@@ -31,11 +31,11 @@ HEAD, TAIL = 300, 100
 
 
 @dataclass(frozen=True)
-class Job:
+class MeshRequest:
     """What to mesh, and how.
 
     Attributes:
-        body: the polygon's text as it came, unchecked.
+        body: the polygon's text as the client sent it, unchecked.
     """
 
     body: bytes
@@ -49,18 +49,18 @@ class Answer:
     Attributes:
         status: of HTTP.
         body: the mesh, or ``{"error": line}``.
-        media: its content type.
+        media_type: of the body.
         elements: of the mesh; 0 when there is none.
     """
 
     status: int
     body: bytes
-    media: str = MEDIA["json"]
+    media_type: str = MEDIA_TYPES[JSON]
     elements: int = 0
 
 
 class Refused(Exception):
-    """A job that is not done; the status and the line that says why."""
+    """A request that is not meshed; the status and the line that says why."""
 
     def __init__(self, status: int, line: str) -> None:
         super().__init__(line)
@@ -73,39 +73,39 @@ def refusal(status: int, line: str) -> Answer:
     return Answer(status, json.dumps({"error": short}).encode("ascii") + b"\n")
 
 
-def answer(job: Job, policies: Mapping[str, Policy], limits: Limits) -> Answer:
-    """Do a job.
+def answer(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits) -> Answer:
+    """Mesh what is asked for, or say why not.
 
     Args:
-        job: as it came.
+        request: unchecked but for its parameters.
         policies: by density.
-        limits: of the vertices; the time is others' affair.
+        limits: of which the number of vertices is checked here; who calls limits the time.
     """
     began = time.perf_counter()
-    wanted = job.parameters
+    wanted = request.parameters
     try:
-        domain = domain_of(job, limits)
+        domain = domain_of(request, limits)
         made = make(
             policies[wanted.density], domain, seed=wanted.seed, best_of=wanted.best_of, smooth=wanted.smooth,
             clean=wanted.clean,
         )  # fmt: skip
-        body = encoded(made.finished, wanted.form, time.perf_counter() - began)
+        body = encoded(made.finished, wanted.format, time.perf_counter() - began)
     except Refused as refused:
         return refusal(refused.status, str(refused))
     except (DomainError, MeshingError, OutputError) as error:
         return refusal(HTTPStatus.UNPROCESSABLE_ENTITY, in_parameters(str(error)))
-    return Answer(HTTPStatus.OK, body, MEDIA[wanted.form], len(made.finished.quads))
+    return Answer(HTTPStatus.OK, body, MEDIA_TYPES[wanted.format], len(made.finished.quads))
 
 
-def domain_of(job: Job, limits: Limits) -> Domain:
-    """The one domain in a job's text.
+def domain_of(request: MeshRequest, limits: Limits) -> Domain:
+    """The one domain in a request's body.
 
     Raises:
         Refused: no JSON object, or too many vertices.
         DomainError: no polygon, several, or one that cannot be meshed.
     """
-    wanted = job.parameters
-    polygons = polygons_of(parsed(job.body), NAME)
+    wanted = request.parameters
+    polygons = polygons_of(parsed(request.body), NAME)
     if len(polygons) != 1:
         raise DomainError(f"{NAME}: {len(polygons)} polygons where one is needed; send them one by one")
     check_vertices(least_vertices(polygons[0], wanted.edge_length), limits)
@@ -136,10 +136,10 @@ def least_vertices(rings: Sequence[Any], edge_length: float | None) -> int:
 
 
 def check_vertices(count: int, limits: Limits) -> None:
-    """Refuse too many of them.
+    """Refuse a boundary of too many vertices.
 
     Raises:
-        Refused: as said.
+        Refused: there are more than the limit.
     """
     if count > limits.vertices:
         raise Refused(
@@ -157,14 +157,14 @@ def parsed(body: bytes) -> dict[str, Any]:
     """
     try:
         # Whole numbers as floats: others could have millions of digits.
-        shape = json.loads(body, parse_int=float, parse_constant=not_a_number)
+        value = json.loads(body, parse_int=float, parse_constant=not_a_number)
     except RecursionError:
         raise Refused(HTTPStatus.BAD_REQUEST, "body: JSON nested too deep; send a GeoJSON Polygon") from None
     except ValueError as error:
         raise Refused(HTTPStatus.BAD_REQUEST, f"body: not JSON ({error}); send a GeoJSON Polygon") from None
-    if not isinstance(shape, dict):
+    if not isinstance(value, dict):
         raise Refused(HTTPStatus.BAD_REQUEST, "body: JSON, but no object; send a GeoJSON Polygon")
-    return shape
+    return value
 
 
 def not_a_number(word: str) -> float:
@@ -173,6 +173,6 @@ def not_a_number(word: str) -> float:
 
 
 def in_parameters(line: str) -> str:
-    """A line that advises options of the command, with a request's parameters in their place."""
+    """A line that advises options of the command, with the names of a request's parameters instead."""
     line = line.replace("--fix-parity", "fix_parity=true")
     return re.sub(r"--(\w+)-(\w+)", r"\1_\2", line)

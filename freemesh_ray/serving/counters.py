@@ -1,4 +1,4 @@
-"""What the surface counts, as Prometheus reads it."""
+"""What the HTTP app counts, as Prometheus reads it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CLIENT_LEFT = 499
 
 
 class Counters:
-    """The counters of one surface, from its start on."""
+    """The counters of one HTTP app, from its start on."""
 
     def __init__(self) -> None:
         disable_created_metrics()
@@ -74,7 +74,7 @@ class Counters:
         self._elements.inc(elements)
 
     def retried(self) -> None:
-        """A mesher died with a job in its hands."""
+        """A mesher died while it meshed."""
         self._retries.inc()
 
     def page(self) -> tuple[bytes, str]:

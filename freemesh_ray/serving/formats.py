@@ -1,4 +1,4 @@
-"""What a mesh can be answered as."""
+"""The formats that a mesh can be answered in: JSON, and the files that the package writes."""
 
 from __future__ import annotations
 
@@ -15,29 +15,34 @@ from freemesh_ray.storage.atomic import OutputError
 
 JSON: Final = "json"
 
-#: Content type of each format.
-MEDIA = {
+#: Media types of files that are more than bytes to a client.
+_OF_FILES = {
+    ".inp": "text/plain; charset=us-ascii",
+    ".bdf": "text/plain; charset=us-ascii",
+    ".msh": "model/mesh",
+    ".obj": "model/obj",
+    ".vtu": "application/xml",
+}
+
+#: Media type of each format; all but JSON are suffixes of `export.SUFFIXES` without their dot.
+MEDIA_TYPES = {
     JSON: "application/json",
-    "inp": "text/plain; charset=us-ascii",
-    "msh": "model/mesh",
-    "vtu": "application/xml",
-    "bdf": "text/plain; charset=us-ascii",
-    "obj": "model/obj",
+    **{suffix[1:]: _OF_FILES.get(suffix, "application/octet-stream") for suffix in export.SUFFIXES},
 }
 
 
-def encoded(mesh: Mesh, form: str, seconds: float) -> bytes:
+def encoded(mesh: Mesh, name: str, seconds: float) -> bytes:
     """The mesh as the body of an answer.
 
     Args:
         mesh: complete.
-        form: one of `MEDIA`.
-        seconds: that the meshing took; ``json`` tells.
+        name: of the format, a key of `MEDIA_TYPES`.
+        seconds: that the meshing took; only JSON tells.
 
     Raises:
         OutputError: a mesh that the format cannot hold.
     """
-    return as_json(mesh, seconds) if form == JSON else as_file(mesh, form)
+    return as_json(mesh, seconds) if name == JSON else as_file(mesh, name)
 
 
 def as_json(mesh: Mesh, seconds: float) -> bytes:
@@ -52,13 +57,13 @@ def as_json(mesh: Mesh, seconds: float) -> bytes:
     return json.dumps(answer, separators=(",", ":")).encode("ascii")
 
 
-def as_file(mesh: Mesh, form: str) -> bytes:
-    """What freemesh_ray.export writes."""
+def as_file(mesh: Mesh, name: str) -> bytes:
+    """The file that `export.write` writes."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{mesh.name}.{form}"
+        path = Path(folder) / f"{mesh.name}.{name}"
         try:
             export.write(mesh, path)
         except OutputError as error:
-            # The folder is nobody's business.
+            # The temporary folder's name means nothing to a client.
             raise OutputError(str(error).replace(str(path), path.name)) from None
         return path.read_bytes()

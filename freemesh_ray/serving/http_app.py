@@ -1,4 +1,4 @@
-"""The HTTP surface: paths, bounds, errors in one line of JSON. It knows neither Ray nor how meshes are made."""
+"""The HTTP app: paths, limits, errors in one line of JSON. It knows neither Ray nor how meshes are made."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from freemesh_ray.serving.answer import NAME, Answer, Job, Refused, refusal
+from freemesh_ray.serving.answer import NAME, Answer, MeshRequest, Refused, refusal
 from freemesh_ray.serving.counters import CLIENT_LEFT, MESH, Counters
-from freemesh_ray.serving.formats import JSON, MEDIA
+from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
 from freemesh_ray.serving.limits import Limits
-from freemesh_ray.serving.parameters import ParameterError, kinds, parameters
+from freemesh_ray.serving.parameters import ParameterError, parameters, value_types
 
 #: Paths that are counted by name.
 PATHS = ("/", MESH, "/health", "/metrics")
@@ -35,16 +35,16 @@ DIGITS = 15
 
 
 class Busy(Exception):
-    """There is no room for one more job."""
+    """There is no room for one more request."""
 
 
 def digest(token: str) -> bytes:
-    """What is kept of a token."""
+    """The SHA-256 of a token, which is all that is kept of it."""
     return hashlib.sha256(token.encode()).digest()
 
 
-def surface(
-    mesh: Callable[[Job], Awaitable[Answer]],
+def asgi_app(
+    mesh: Callable[[MeshRequest], Awaitable[Answer]],
     running: Callable[[], Awaitable[int]],
     *,
     densities: Sequence[str],
@@ -55,10 +55,10 @@ def surface(
     """The ASGI application.
 
     Args:
-        mesh: does a job; raises `Busy`.
+        mesh: answers a request; raises `Busy`.
         running: how many meshers can take one.
         densities: that ``mesh`` has policies for.
-        limits: see there.
+        limits: of a request.
         token: digest of the bearer token that all paths but ``/health`` ask for; None: none is asked for.
         counters: where requests are counted.
     """
@@ -81,7 +81,7 @@ class _Endpoints:
 
     def __init__(
         self,
-        mesh: Callable[[Job], Awaitable[Answer]],
+        mesh: Callable[[MeshRequest], Awaitable[Answer]],
         running: Callable[[], Awaitable[int]],
         densities: Sequence[str],
         limits: Limits,
@@ -108,17 +108,17 @@ class _Endpoints:
             wanted = parameters(request.query_params.multi_items(), self._densities, self._limits)
         except ParameterError as error:
             raise Refused(HTTPStatus.BAD_REQUEST, str(error)) from None
-        job = Job(await self._body(request), wanted)
+        body = await self._body(request)
         try:
-            answer = await self._mesh(job)
+            answer = await self._mesh(MeshRequest(body, wanted))
         except Busy:
             raise _busy() from None
         headers = {}
         if answer.elements:
             self._counters.meshed(answer.elements)
-            if wanted.form != JSON:
-                headers["Content-Disposition"] = f'attachment; filename="{NAME}.{wanted.form}"'
-        return Response(answer.body, answer.status, headers, answer.media)
+            if wanted.format != JSON:
+                headers["Content-Disposition"] = f'attachment; filename="{NAME}.{wanted.format}"'
+        return Response(answer.body, answer.status, headers, answer.media_type)
 
     async def _body(self, request: Request) -> bytes:
         """The request's body.
@@ -156,8 +156,8 @@ class _Endpoints:
 
     async def metrics(self, request: Request) -> Response:
         """``GET /metrics``."""
-        page, media = self._counters.page()
-        return Response(page, headers={"Content-Type": media})
+        page, media_type = self._counters.page()
+        return Response(page, headers={"Content-Type": media_type})
 
     async def usage(self, request: Request) -> Response:
         """``GET /``: how to use it."""
@@ -165,7 +165,7 @@ class _Endpoints:
             {
                 "service": "freemesh: a polygon in, an all-quad mesh out",
                 "use": "POST a GeoJSON Polygon to /mesh?edge_length=0.1&format=json",
-                "parameters": {name: kind.wanted for name, kind in kinds(self._densities, self._limits).items()},
+                "parameters": {name: one.wanted for name, one in value_types(self._densities, self._limits).items()},
                 "limits": asdict(self._limits),
                 "paths": list(PATHS),
             },
@@ -245,8 +245,8 @@ async def _mistake(request: Request, error: Exception) -> Response:
 
 def _error(status: int, line: str, headers: dict[str, str]) -> Response:
     answer = refusal(status, line)
-    return Response(answer.body, status, headers, answer.media)
+    return Response(answer.body, status, headers, answer.media_type)
 
 
 def _json(value: object, status: int) -> Response:
-    return Response(json.dumps(value).encode() + b"\n", status, media_type=MEDIA[JSON])
+    return Response(json.dumps(value).encode() + b"\n", status, media_type=MEDIA_TYPES[JSON])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on requests.
+    """The limits of a request.
 
     Attributes:
         body_bytes: of a polygon's text.

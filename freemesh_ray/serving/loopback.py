@@ -6,10 +6,10 @@ from typing import Any
 
 
 def listen_on_loopback() -> None:
-    """Let this process's replica listen to other replicas on 127.0.0.1, not on all devices, which Serve has no setting
-    for.
+    """Let this process's replica listen to other replicas on 127.0.0.1 alone, for which Serve has no setting.
 
-    It executes what it is sent. To be called in a replica's constructor: Serve opens the port after it.
+    A replica runs what it is sent, so that nobody else may reach it. To be called in its constructor: Serve opens the
+    port later.
     """
     from ray._common.tls_utils import add_port_to_grpc_server
     from ray.serve._private import replica

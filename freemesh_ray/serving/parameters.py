@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from envs.polygons.sizing import MOST_GRADING
-from freemesh_ray.serving.formats import JSON, MEDIA
+from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
 from freemesh_ray.serving.limits import Limits
 
 #: Characters of a client's text that are repeated to it.
@@ -25,7 +25,7 @@ class Parameters:
 
     Attributes:
         density: a key of the server's policies.
-        form: a key of formats.MEDIA.
+        format: a key of formats.MEDIA_TYPES.
     """
 
     density: str
@@ -36,23 +36,23 @@ class Parameters:
     best_of: int = 1
     smooth: bool = True
     clean: bool = True
-    form: str = JSON
+    format: str = JSON
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A kind of value.
+class ValueType:
+    """The values that a parameter takes.
 
     Attributes:
         wanted: what to give, for messages and the server's own description.
-        read: a text's value; ValueError for one that is not of this kind.
+        read: a text's value; ValueError for one that the parameter does not take.
     """
 
     wanted: str
     read: Callable[[str], Any]
 
 
-def number(low: float, high: float, wanted: str) -> Kind:
+def number(low: float, high: float, wanted: str) -> ValueType:
     """A number in [low, high]."""
 
     def read(text: str) -> float:
@@ -60,10 +60,10 @@ def number(low: float, high: float, wanted: str) -> Kind:
             raise ValueError
         return value
 
-    return Kind(wanted, read)
+    return ValueType(wanted, read)
 
 
-def whole(low: int, high: int) -> Kind:
+def whole(low: int, high: int) -> ValueType:
     """A whole number in [low, high]."""
 
     def read(text: str) -> int:
@@ -71,10 +71,10 @@ def whole(low: int, high: int) -> Kind:
             raise ValueError
         return value
 
-    return Kind(f"a whole number from {low} to {high}", read)
+    return ValueType(f"a whole number from {low} to {high}", read)
 
 
-def choice(values: Sequence[str], meaning: Callable[[str], Any] = str) -> Kind:
+def choice(values: Sequence[str], meaning: Callable[[str], Any] = str) -> ValueType:
     """One of several words."""
 
     def read(text: str) -> Any:
@@ -82,11 +82,11 @@ def choice(values: Sequence[str], meaning: Callable[[str], Any] = str) -> Kind:
             raise ValueError
         return meaning(text)
 
-    return Kind(values[0] if len(values) == 1 else f"one of {', '.join(values)}", read)
+    return ValueType(values[0] if len(values) == 1 else f"one of {', '.join(values)}", read)
 
 
-def kinds(densities: Sequence[str], limits: Limits) -> dict[str, Kind]:
-    """The kind of every parameter, by the name it has in a query."""
+def value_types(densities: Sequence[str], limits: Limits) -> dict[str, ValueType]:
+    """What every parameter takes, by its name, which is that of its field in `Parameters`."""
     switch = choice(("true", "false"), lambda text: text == "true")
     return {
         "edge_length": number(1e-300, 1e300, "a number above 0, in the polygon's units"),
@@ -97,7 +97,7 @@ def kinds(densities: Sequence[str], limits: Limits) -> dict[str, Kind]:
         "best_of": whole(1, limits.best_of),
         "smooth": switch,
         "clean": switch,
-        "format": choice(tuple(MEDIA)),
+        "format": choice(tuple(MEDIA_TYPES)),
     }
 
 
@@ -112,7 +112,7 @@ def parameters(query: Iterable[tuple[str, str]], densities: Sequence[str], limit
     Raises:
         ParameterError: a name that is not known or occurs twice, or a value out of its range.
     """
-    known = kinds(densities, limits)
+    known = value_types(densities, limits)
     values: dict[str, Any] = {}
     for name, text in query:
         if name not in known:
@@ -126,7 +126,7 @@ def parameters(query: Iterable[tuple[str, str]], densities: Sequence[str], limit
     if values.get("grading", 1.0) > 1.0 and "edge_length" not in values:
         raise ParameterError("parameter grading: means nothing alone: give edge_length, too")
     density = values.pop("density", "medium" if "medium" in densities else densities[0])
-    return Parameters(density, form=values.pop("format", JSON), **values)
+    return Parameters(density, **values)
 
 
 def unknown(name: str, known: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""The service, running: on a Ray of its own, or on the one that RAY_ADDRESS names."""
+"""Starting and stopping the service, on a Ray of its own or on the one that RAY_ADDRESS names."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ServiceError(UserError, RuntimeError):
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host's name or address is this machine's own, which no other machine reaches."""
+    """Whether no other machine can reach a host's name or address."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -31,10 +31,10 @@ def is_loopback(host: str) -> bool:
 
 
 def check_free(host: str, port: int) -> None:
-    """Refuse a place that cannot be listened on, before anything is started.
+    """Refuse an address that cannot be listened on, before anything is started.
 
     Raises:
-        ServiceError: as said.
+        ServiceError: the port is taken, or the host is not this machine.
     """
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
@@ -49,7 +49,7 @@ def check_free(host: str, port: int) -> None:
 
 
 @contextmanager
-def serving(
+def running_service(
     policies: Mapping[str, Policy],
     limits: Limits,
     *,
@@ -58,18 +58,17 @@ def serving(
     replicas: int = 1,
     token: bytes | None = None,
 ) -> Iterator[None]:
-    """The service, answering while the block runs.
+    """A service that answers while the block runs.
 
     Args:
         policies: by density.
-        limits: see there.
-        host: to listen on.
-        port: to listen on.
+        limits: of a request.
+        host, port: to listen on.
         replicas: polygons that are meshed at a time.
         token: digest of the bearer token that is asked for, or None.
 
     Raises:
-        ServiceError: the place is taken, a cluster serves something already, or the meshers do not start.
+        ServiceError: the port is taken, the cluster serves something already, or the meshers do not start.
     """
     own = not os.environ.get("RAY_ADDRESS")
     if own:

@@ -1,4 +1,4 @@
-"""The owner of a worker process: starts it, gives it jobs, starts another when it is gone."""
+"""The supervisor of a worker process: starts it, hands it requests, starts another when it is gone."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.serving.answer import Answer, Job, refusal
+from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
 from freemesh_ray.serving.limits import Limits
 
-#: Workers that a job may take down before it is given up: one may have been killed by somebody else.
+#: Workers that may die over one request before it is given up: one may have been killed by somebody else.
 TRIES = 2
 
 
@@ -23,22 +23,22 @@ class WorkerError(RuntimeError):
     """A worker process that ends before it is ready."""
 
 
-class WorkerOwner:
-    """One worker process, for one thread."""
+class Supervisor:
+    """Keeps one worker process; to be used by one thread."""
 
     def __init__(self, policies: Mapping[str, Policy], limits: Limits) -> None:
         """Describe the worker.
 
         Args:
             policies: by density.
-            limits: see there.
+            limits: of a request.
         """
         self._policies, self._limits = dict(policies), limits
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
 
     def start(self) -> None:
-        """Start a worker, if there is none, and wait until it is warm.
+        """Start a worker, if there is none, and wait until its kernels are compiled.
 
         Raises:
             WorkerError: it ends before.
@@ -61,8 +61,8 @@ class WorkerOwner:
         except (EOFError, OSError):
             raise WorkerError(f"a worker process ended with {self._end()} before it was ready") from None
 
-    def do(self, job: Job) -> Answer:
-        """The job's answer, one of 500 when it takes worker after worker down, or of 504 when its time was up.
+    def answer(self, request: MeshRequest) -> Answer:
+        """The worker's answer; 500 when worker after worker dies over the request, 504 when its time is up.
 
         Raises:
             WorkerError: no worker can be started.
@@ -71,7 +71,7 @@ class WorkerOwner:
             self.start()
             assert self._connection is not None
             try:
-                self._connection.send(job)
+                self._connection.send(request)
                 return self._connection.recv()
             except (EOFError, OSError):
                 if self._end() == -signal.SIGALRM:

@@ -1,7 +1,7 @@
-"""A process that does jobs, one after another: ``python -m freemesh_ray.serving.worker DESCRIPTOR``.
+"""A process that answers requests, one after another: ``python -m freemesh_ray.serving.worker DESCRIPTOR``.
 
-Compiled code cannot be interrupted from within. Before each job the process therefore asks the operating system to end
-it when the time is up, whoever else is still alive by then; its owner starts another.
+Compiled code cannot be interrupted from within. Before each request the process therefore asks the operating system to
+end it when the time is up, which works without any other process; its supervisor then starts another.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from multiprocessing.connection import Connection
 from envs.domains.load import load
 from freemesh_ray.mesher import make
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.serving.answer import Answer, Job, answer, refusal
+from freemesh_ray.serving.answer import Answer, MeshRequest, answer, refusal
 from freemesh_ray.serving.limits import Limits
 
-#: Meshed before the first job, so that everything is compiled.
+#: Meshed before the first request, so that everything is compiled.
 WARM_UP = "D4"
 
-#: What the process says when it is ready for jobs.
+#: What the process sends when it is ready for requests.
 READY = "ready"
 
 
 def serve(connection: Connection) -> None:
-    """Take the policies and the limits, then jobs, until the other end is closed."""
+    """Receive the policies and the limits, then answer requests until the other end is closed."""
     policies, limits = connection.recv()
     for policy in policies.values():
         make(policy, load(WARM_UP), best_of=2)
     connection.send(READY)
     while True:
-        job = connection.recv()
+        request = connection.recv()
         signal.setitimer(signal.ITIMER_REAL, limits.seconds)
-        done = safe(job, policies, limits)
+        sent = safe(request, policies, limits)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        connection.send(done)
+        connection.send(sent)
 
 
-def safe(job: Job, policies: Mapping[str, Policy], limits: Limits) -> Answer:
-    """The job's answer, also when there is a mistake in the mesher: that is told to the log, not to the client."""
+def safe(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits) -> Answer:
+    """The answer, also when there is a mistake in the mesher: the log has its traceback, the client a line."""
     try:
-        return answer(job, policies, limits)
+        return answer(request, policies, limits)
     except Exception:
         traceback.print_exc()
         return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "the mesher failed; the server's log says how")
@@ -51,7 +51,7 @@ def safe(job: Job, policies: Mapping[str, Policy], limits: Limits) -> Answer:
 
 def main() -> None:
     """Serve the connection whose descriptor is the one argument."""
-    # Ctrl-C is the owner's affair, which then closes the connection.
+    # At Ctrl-C the supervisor closes the connection, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     try:

@@ -173,7 +173,7 @@ def test_speeds_are_measured_on_the_devices_that_there_are(
     monkeypatch.setattr(gpu, "CALLS", (1, 4))
     monkeypatch.setattr(gpu, "MOST_ROWS", 64)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    gpu.bench_gpu(0.0)
+    gpu.run(0.0)
     title, header, *rows, last = capsys.readouterr().out.splitlines()
     assert "updates a second" in title
     assert header.split()[-1] == "cpu"

@@ -18,6 +18,9 @@ import yaml
 from checkout import ROOT
 from packaging.utils import canonicalize_name
 
+#: Compiled where it is there: KubeRay's files have four megabytes.
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
 DEPLOY = ROOT / "deploy"
 KUBERNETES = DEPLOY / "kubernetes"
 README = (DEPLOY / "README.md").read_text()
@@ -50,7 +53,7 @@ def is_secret(name: str) -> bool:
 
 def documents(path: Path) -> list[Any]:
     """The documents of a YAML file."""
-    return list(yaml.safe_load_all(path.read_text()))
+    return list(yaml.load_all(path.read_text(), LOADER))
 
 
 def base() -> list[dict[str, Any]]:
@@ -67,7 +70,7 @@ def built(folder: str) -> list[dict[str, Any]]:
         pytest.skip("neither kubectl nor kustomize is installed")
     done = subprocess.run([*builder, str(KUBERNETES / folder)], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    return list(yaml.safe_load_all(done.stdout))
+    return list(yaml.load_all(done.stdout, LOADER))
 
 
 def mappings(node: Any) -> Iterator[dict[str, Any]]:

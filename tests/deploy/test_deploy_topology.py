@@ -93,13 +93,14 @@ def deployment() -> Iterator[Deployment]:
 
 @pytest.fixture(scope="module")
 def done(deployment: Deployment) -> Deployment:
-    """The README's main job, half a minute long, of the source that is installed: a copy would compile its kernels."""
+    """The README's main job, cut to seconds, of the source that is installed: a copy would compile its kernels."""
     (words,) = [
         words for words in manifests.readme_lines() if words[:3] == ["ray", "job", "submit"] and "train" in words
     ]
     words = [deployment.services.here(word).replace("train_default", "train_smoke") for word in words]
     assert words[5:7] == ["--working-dir", "."]
-    submitted = deployment.services.run("worker", [*words[:5], "--no-wait", *words[7:]])
+    settings = [f"--set={name}=1000" for name in ("budget.env_steps", "evaluation.interval", "checkpoint.interval")]
+    submitted = deployment.services.run("worker", [*words[:5], "--no-wait", *words[7:], *settings])
     assert submitted.returncode == 0, submitted.stderr
     deadline = time.monotonic() + 600
     while deployment.job()["status"] in ("PENDING", "RUNNING") and time.monotonic() < deadline:

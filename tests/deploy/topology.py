@@ -156,12 +156,13 @@ class Topology:
         return self
 
     def __exit__(self, *_: object) -> None:
+        postgres = self._started.pop("postgres", None)
         left = self.processes()
         for process in left:
             with vanishing():
-                process.terminate()
-        for process in psutil.wait_procs(left, timeout=5)[1]:
-            with vanishing():
                 process.kill()
         psutil.wait_procs(left, timeout=5)
+        if postgres is not None:  # killed, it would leave shared memory behind; it waits for its clients
+            postgres.terminate()
+            postgres.wait(30)
         shutil.rmtree(self.folder, ignore_errors=True)

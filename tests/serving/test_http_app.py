@@ -1,4 +1,4 @@
-"""The HTTP surface and the command without a server: what is answered when meshers are busy, lost or mistaken."""
+"""The HTTP app and the command without a server: what is answered when meshers are busy, lost or mistaken."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from processes import free_port
 from freemesh_ray.cli import command
 from freemesh_ray.cli.serve import TOKEN
 from freemesh_ray.serving import service
-from freemesh_ray.serving.answer import Answer, Job, refusal
+from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
 from freemesh_ray.serving.counters import Counters
-from freemesh_ray.serving.http_app import Busy, digest, surface
+from freemesh_ray.serving.http_app import Busy, asgi_app, digest
 from freemesh_ray.serving.limits import Limits
-from freemesh_ray.serving.parameters import ParameterError, Parameters, kinds, parameters
-from freemesh_ray.serving.supervisor import WorkerError, WorkerOwner
+from freemesh_ray.serving.parameters import ParameterError, Parameters, parameters, value_types
+from freemesh_ray.serving.supervisor import Supervisor, WorkerError
 
 LIMITS = Limits(upload_seconds=0.05, body_bytes=100)
 
 
 def ask(
-    mesh: Callable[[Job], Awaitable[Answer]],
+    mesh: Callable[[MeshRequest], Awaitable[Answer]],
     chunks: list[bytes] | None = None,
     *,
     path: str = "/mesh",
@@ -57,7 +57,7 @@ def ask(
         sent.append(message)
 
     scope = {"type": "http", "method": method, "path": path, "query_string": b"", "headers": headers or []}
-    app = surface(
+    app = asgi_app(
         mesh, running, densities=["medium"], limits=LIMITS, token=digest("key") if headers else None, counters=counters
     )
     asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
@@ -66,11 +66,11 @@ def ask(
     return start["status"], told, b"".join(message.get("body", b"") for message in rest), counters
 
 
-async def fine(job: Job) -> Answer:
-    return Answer(200, job.body, elements=3)
+async def fine(request: MeshRequest) -> Answer:
+    return Answer(200, request.body, elements=3)
 
 
-async def busy(job: Job) -> Answer:
+async def busy(request: MeshRequest) -> Answer:
     raise Busy
 
 
@@ -111,7 +111,7 @@ def test_the_token() -> None:
 
 
 def test_a_mistake_is_told_to_the_log_alone() -> None:
-    async def mistaken(job: Job) -> Answer:
+    async def mistaken(request: MeshRequest) -> Answer:
         raise ZeroDivisionError("secret")
 
     seen = []
@@ -125,7 +125,7 @@ def test_a_mistake_is_told_to_the_log_alone() -> None:
     async def running() -> int:
         return 1
 
-    app = surface(mistaken, running, densities=["medium"], limits=LIMITS, token=None, counters=Counters())
+    app = asgi_app(mistaken, running, densities=["medium"], limits=LIMITS, token=None, counters=Counters())
     scope = {"type": "http", "method": "POST", "path": "/mesh", "query_string": b"", "headers": []}
     with pytest.raises(ZeroDivisionError):
         asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
@@ -144,21 +144,20 @@ def test_a_mistake_is_told_to_the_log_alone() -> None:
         best_of=st.integers(1, 8),
         smooth=st.booleans(),
         clean=st.booleans(),
-        form=st.sampled_from(["json", "inp"]),
+        format=st.sampled_from(["json", "inp"]),
     )
 )
 def test_parameters_come_back(wanted: Parameters) -> None:
     if wanted.edge_length is None:
         wanted = replace(wanted, grading=1.0)
     given_ones = {name: value for name, value in asdict(wanted).items() if value is not None}
-    given_ones["format"] = given_ones.pop("form")
     query = [
         (name, str(value).lower() if isinstance(value, bool) else str(value)) for name, value in given_ones.items()
     ]
     assert parameters(query, ["dense", "medium"], Limits()) == wanted
 
 
-@given(st.lists(st.tuples(st.sampled_from([*kinds(["one"], Limits()), "x"]) | st.text(), st.text()), max_size=4))
+@given(st.lists(st.tuples(st.sampled_from([*value_types(["one"], Limits()), "x"]) | st.text(), st.text()), max_size=4))
 def test_any_query_is_understood_or_refused_in_a_line(query: list[tuple[str, str]]) -> None:
     try:
         line = parameters(query, ["one"], Limits()).density
@@ -176,16 +175,16 @@ def test_long_lines_keep_both_ends() -> None:
 
 
 def test_a_worker_that_cannot_start_is_an_error() -> None:
-    owner = WorkerOwner({"medium": "no policy"}, Limits())  # type: ignore[dict-item]
+    supervisor = Supervisor({"medium": "no policy"}, Limits())  # type: ignore[dict-item]
     with pytest.raises(WorkerError, match="before it was ready"):
-        owner.start()
-    owner.stop()
+        supervisor.start()
+    supervisor.stop()
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
 def test_signals_stop_the_command(number: int, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(service, "serving", lambda *_, **__: nullcontext())
+    monkeypatch.setattr(service, "running_service", lambda *_, **__: nullcontext())
     monkeypatch.delenv(TOKEN, raising=False)
     handled = threading.Event()
 

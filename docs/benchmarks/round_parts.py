@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from round_cost import Costs
 
-from freemesh_ray.bench.cost import Costs
 from freemesh_ray.bench.gpu import experience
 from freemesh_ray.bench.trainings import BATCH_SIZE, ENVS, algorithm
 

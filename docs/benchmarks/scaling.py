@@ -1,7 +1,9 @@
-"""How training scales with env runners and learners: measured here, modelled beyond.
+"""How training scales with env runners and learners: writes docs/scaling.md, .json and .png.
 
-Rounds (samples and updates a second), the time to a return, the parts of a round, the model made of them beside what
-was measured, and what it says of numbers of runners that this machine does not have.
+    python docs/benchmarks/scaling.py --out docs
+
+Measured are whole training rounds (samples and updates a second), the time to a return, and the parts of a round; a
+model made of the parts is held against the rounds, and says what more runners than this machine has would give.
 """
 
 from __future__ import annotations
@@ -16,24 +18,26 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scaling_report
+from round_cost import Costs, Setup, enough, most, round_of
+from round_parts import measure
+from scaling_picture import draw_scaling
+from script import run_script
 
-from freemesh_ray import plots
-from freemesh_ray.bench import scaling_report
-from freemesh_ray.bench.cost import Costs, Setup, enough, most, round_of
-from freemesh_ray.bench.round_parts import measure
 from freemesh_ray.bench.trainings import BATCH_SIZE, ENVS, FRAGMENT, RATIO, algorithm
+from freemesh_ray.cli import arguments
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage.atomic import check_writable, replacing
 
 RUNNERS, LEARNERS = (1, 2, 4, 8), (0, 1, 2)
-#: The return to be reached, as a mean of so many training episodes; of trials as short as ``QUICK`` s a measurement a
-#: return that all reach at once.
+#: The return to reach, as the mean of so many training episodes. Measurements of ``QUICK`` seconds or less only try
+#: whether all works: their return is one that is reached at once.
 RETURN, QUICK_RETURN, EPISODES = -15.0, -1_000.0, 50
 QUICK = 2.0
 #: Seconds after which a training that has not reached it is given up.
 PATIENCE = 180.0
 SEED = 356
-#: Runners that the model is asked about, and the settings with which.
+#: Numbers of runners, and settings, that the model is asked about.
 FAR = (100, 1_000)
 VARIANTS: dict[str, dict[str, float]] = {
     "as measured": {},
@@ -115,8 +119,12 @@ def time_to_return(runners: int, wanted: float) -> Reached:
     return Reached(runners, took if reached else None, algo.env_steps, algo.updates)
 
 
-def bench_scaling(seconds: float, folder: Path) -> None:
-    """Measure all, write ``scaling.json``, ``scaling.md`` and ``scaling.png`` into ``folder``, and print the tables.
+def write_scaling(seconds: float, folder: Path) -> None:
+    """Measure all, write ``scaling.json``, ``scaling.md`` and ``scaling.png``, and print the tables.
+
+    Args:
+        seconds: of each measurement.
+        folder: to write into.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -142,7 +150,7 @@ def bench_scaling(seconds: float, folder: Path) -> None:
         draft.write_text(json.dumps(found, indent=1) + "\n")
     with replacing(files["md"]) as draft:
         draft.write_text(text)
-    plots.draw_scaling(*scaling_report.curves(found), files["png"])
+    draw_scaling(*scaling_report.curves(found), files["png"])
     print(text)
     print(f"written: {', '.join(map(str, files.values()))}")
 
@@ -186,3 +194,16 @@ def summary(
                    "reached": [asdict(one) for one in reached]},
         "far": far,
     }  # fmt: skip
+
+
+def main() -> None:
+    """Parse the command line and measure."""
+    parser = arguments.Parser(description="Measure how training scales, and write the page about it.")
+    parser.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="where scaling.* are written")
+    parser.add_argument("--seconds", type=arguments.seconds, default=5.0, help="of each measurement (5)")
+    options = parser.parse_args()
+    write_scaling(options.seconds, options.out)
+
+
+if __name__ == "__main__":
+    run_script(main)

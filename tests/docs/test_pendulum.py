@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import pendulum
 import pytest
 
-from freemesh_ray.bench import pendulum
 from freemesh_ray.local_ray import local_ray
 
 

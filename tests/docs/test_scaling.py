@@ -7,13 +7,15 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import pytest
+import scaling
+import scaling_report
+from checkout import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
+from round_cost import MOVES, Costs, Setup, enough, most, round_of
+from round_parts import line
+from scaling_picture import draw_scaling
 
-from freemesh_ray import plots
-from freemesh_ray.bench import scaling, scaling_report
-from freemesh_ray.bench.cost import MOVES, Costs, Setup, enough, most, round_of
-from freemesh_ray.bench.round_parts import line
 from freemesh_ray.formatting.table import markdown
 
 #: Round numbers, so that every part of a round can be told by hand.
@@ -148,7 +150,7 @@ def test_what_is_found_is_written_in_words_tables_and_a_picture(found: dict[str,
     assert "{" not in text
     ratios = [one["modelled_samples_per_second"] / one["samples_per_second"] for one in read["rounds"]]
     assert ratios == pytest.approx([1.0] * len(ratios))
-    plots.draw_scaling(*scaling_report.curves(read), tmp_path / "scaling.png")
+    draw_scaling(*scaling_report.curves(read), tmp_path / "scaling.png")
     assert (tmp_path / "scaling.png").stat().st_size > 10_000
 
 
@@ -159,3 +161,8 @@ def test_curves_hold_what_was_found(found: dict[str, object]) -> None:
     for one in found["far"]:  # type: ignore[attr-defined]
         below = [speed for runners, speed in beyond[one["settings"]] if runners <= one["runners"]]
         assert max(below) <= one["samples_per_second"] * (1 + 1e-9) <= one["most_samples_per_second"] * (1 + 1e-6)
+
+
+def test_the_page_is_what_its_numbers_say() -> None:
+    found = json.loads((ROOT / "docs/scaling.json").read_text())
+    assert (ROOT / "docs/scaling.md").read_text() == scaling_report.text(found)

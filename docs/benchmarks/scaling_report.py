@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from freemesh_ray.bench.cost import MOVES, Costs, Setup, round_of
+from round_cost import MOVES, Costs, Setup, round_of
+
 from freemesh_ray.formatting.table import markdown
 
 Found = Mapping[str, Any]
@@ -27,12 +28,11 @@ PARTS = (
 #: Numbers of runners along the curves.
 RANGE = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1_024)
 
-
-#: The report, with the places of what was found.
+#: The page, with the names of what was found in braces.
 TEXT = """\
 # Scaling
 
-`freemesh bench --part scaling --seconds {seconds:g} --out FOLDER` measures this and writes this file, the numbers
+`python docs/benchmarks/scaling.py --seconds {seconds:g} --out docs` measures this and writes this page, the numbers
 behind it (scaling.json) and the picture. Machine: {cores} cores, {system}. Settings, unless others are named: SAC on
 T1, {envs} environments a runner, fragments of {fragment} steps, {updates_per_step:g} updates a step, batch {batch},
 on the CPU.
@@ -161,7 +161,7 @@ Points = list[tuple[float, float]]
 
 
 def curves(found: Found) -> tuple[dict[str, tuple[Points, Points]], dict[str, Points]]:
-    """What `plots.draw_scaling` draws: by learners the measured and the modelled, and by settings the modelled.
+    """What `draw_scaling` draws: by learners the measured and the modelled, and by settings the modelled.
 
     Each point is (runners, samples a second).
     """

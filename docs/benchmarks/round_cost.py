@@ -129,9 +129,9 @@ def round_of(costs: Costs, setup: Setup) -> Round:
     """The seconds of a round; see the module for the formula."""
     steps, updates = setup.steps, setup.steps * setup.updates_per_step
     crowding = max(1.0, setup.runners / setup.cores) if setup.cores else 1.0
-    jostling = max(1.0, setup.learners / setup.cores) if setup.cores else 1.0
+    sharing = max(1.0, setup.learners / setup.cores) if setup.cores else 1.0
     rows = setup.batch / max(1, setup.learners)
-    update = updates * (costs.update_call + costs.update_row * rows) * jostling
+    update = updates * (costs.update_call + costs.update_row * rows) * sharing
     if setup.learners > 0:
         update += costs.latency + updates * setup.batch * costs.transition_bytes * costs.byte
     if setup.learners > 1:

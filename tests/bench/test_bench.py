@@ -1,0 +1,76 @@
+"""The registry of benchmarks: each takes what the registry says, the command lists them, importing it is light."""
+
+from __future__ import annotations
+
+import inspect
+import subprocess
+import sys
+from importlib import import_module
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from freemesh_ray.bench import registry
+from freemesh_ray.bench.registry import BENCHMARKS
+from freemesh_ray.cli import command
+
+POLICY: Any = object()
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_a_benchmark_takes_what_the_registry_says(name: str) -> None:
+    run = import_module(f"freemesh_ray.bench.{BENCHMARKS[name].module}").run
+    assert set(inspect.signature(run).parameters) == set(BENCHMARKS[name].takes)
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, dict[str, Any]]]:
+    """The benchmarks that are run, by module, and what they are given; none measures anything."""
+    calls: list[tuple[str, dict[str, Any]]] = []
+
+    def imported(module: str) -> SimpleNamespace:
+        return SimpleNamespace(run=lambda **given: calls.append((module.rpartition(".")[2], given)))
+
+    monkeypatch.setattr(registry, "import_module", imported)
+    return calls
+
+
+def test_each_is_given_what_it_takes(ran: list[tuple[str, dict[str, Any]]]) -> None:
+    registry.run(["serving", "env", "mesher"], seconds=3.0, policy=POLICY)
+    assert ran == [
+        ("serving", {"policy": POLICY, "seconds": 3.0}),
+        ("environment", {"seconds": 3.0}),
+        ("mesher", {"policy": POLICY}),
+    ]
+
+
+def test_without_a_name_the_default_ones_run(ran: list[tuple[str, dict[str, Any]]]) -> None:
+    registry.run([], seconds=1.0, policy=POLICY)
+    assert [module for module, _ in ran] == ["environment", "learner", "sampling"]
+
+
+def test_one_whose_package_is_missing_is_skipped(
+    ran: list[tuple[str, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(registry, "find_spec", lambda name: None)
+    registry.run(["learner", "env"], seconds=1.0, policy=POLICY)
+    assert [module for module, _ in ran] == ["environment"]
+    assert "pip install stable_baselines3" in capsys.readouterr().out
+
+
+def test_the_command_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        command.main(["bench", "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    for name, benchmark in BENCHMARKS.items():
+        (line,) = [line for line in lines if line.split()[:1] == [name]]
+        assert benchmark.meaning in line
+        assert line.endswith("(default)") == benchmark.default
+
+
+def test_importing_the_registry_is_light() -> None:
+    heavy = ["numpy", "numba", "ray", "torch", "mlflow", "stable_baselines3"]
+    code = f"import sys, freemesh_ray.bench.registry; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout == "[]\n"
