@@ -68,19 +68,18 @@ def ours(name: str, seed: int) -> Any:
     """One of this package's algorithms, on Pendulum, without env runners."""
     from ray import tune
 
-    from freemesh_ray.algorithms.ddpg import DDPGConfig
-    from freemesh_ray.algorithms.ppo import PPOConfig
-    from freemesh_ray.algorithms.sac import SACConfig
-    from freemesh_ray.algorithms.td3 import TD3Config
+    from freemesh_ray.algorithms.build import config_class
 
     tune.register_env(NAME, create)
     if name == "ppo":
-        config, envs = PPOConfig().training(lr=1e-3, gamma=0.9, minibatch_size=128), PPO_ENVS
+        config, envs = config_class(name)().training(lr=1e-3, gamma=0.9, minibatch_size=128), PPO_ENVS
         config.training(train_batch_size_per_learner=PPO_ROUND)
     else:
-        config, envs = {"sac": SACConfig, "td3": TD3Config, "ddpg": DDPGConfig}[name](), ENVS
-        rates = {"actor_lr": 1e-3, "critic_lr": 1e-3} | ({"alpha_lr": 1e-3} if name == "sac" else {})
-        config.training(**rates, gamma=0.98, train_batch_size_per_learner=128, warmup_steps=1000)
+        config, envs = config_class(name)(), ENVS
+        own = {"alpha_lr": 1e-3, "initial_alpha": 1.0} if name == "sac" else {}
+        config.training(
+            **own, actor_lr=1e-3, critic_lr=1e-3, gamma=0.98, train_batch_size_per_learner=128, warmup_steps=1000
+        )
         config.env_runners(rollout_fragment_length=FRAGMENT)
     return (
         config.environment(NAME)

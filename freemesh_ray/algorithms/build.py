@@ -2,69 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+import pkgutil
+from collections.abc import Mapping
 from typing import Any
 
 from envs.domains.load import source
 from freemesh_ray.algorithms.curriculum import Curriculum
-from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
-from freemesh_ray.algorithms.off_policy import OffPolicyConfig
-from freemesh_ray.algorithms.ppo import PPOConfig
-from freemesh_ray.algorithms.sac import SACConfig
-from freemesh_ray.algorithms.td3 import TD3Config
-from freemesh_ray.config import meshing_parameters
+from freemesh_ray.config import ALGORITHMS, meshing_parameters
 
 Config = Mapping[str, Any]
 
 
-def _off_policy(start: OffPolicyConfig, config: Config, **own: Any) -> MeshConfig:
-    """``start`` with what the algorithms with a replay buffer have in common, and what is one's own."""
-    learner = config["learner"]
-    return start.env_runners(rollout_fragment_length=config["runners"]["fragment"]).training(
-        tau=learner["tau"],
-        actor_lr=learner["learning_rate"],
-        critic_lr=learner["learning_rate"],
-        train_batch_size_per_learner=learner["batch_size"] // max(1, learner["count"]),
-        replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
-        updates_per_step=learner["updates_per_step"],
-        warmup_steps=learner["warmup_steps"],
-        **own,
-    )
-
-
-def _sac(config: Config) -> MeshConfig:
-    return _off_policy(SACConfig(), config, alpha_lr=config["learner"]["learning_rate"], **config["sac"])
-
-
-def _td3(config: Config) -> MeshConfig:
-    return _off_policy(TD3Config(), config, **config["td3"])
-
-
-def _ddpg(config: Config) -> MeshConfig:
-    return _off_policy(DDPGConfig(), config, **config["ddpg"])
-
-
-def _ppo(config: Config) -> MeshConfig:
-    ppo, learners = config["ppo"], max(1, config["learner"]["count"])
-    return PPOConfig().training(
-        lr=config["learner"]["learning_rate"],
-        train_batch_size_per_learner=math.ceil(ppo["rollout_steps"] / learners),
-        num_epochs=ppo["epochs"],
-        minibatch_size=ppo["minibatch_size"] // learners,
-        clip_param=ppo["clip"],
-        lambda_=ppo["gae_lambda"],
-        entropy_coeff=ppo["entropy_coefficient"],
-        vf_loss_coeff=ppo["value_coefficient"],
-        grad_clip=ppo["max_grad_norm"],
-    )
-
-
-#: What ``algorithm`` in a configuration can be.
-ALGORITHMS: dict[str, Callable[[Config], MeshConfig]] = {"sac": _sac, "td3": _td3, "ddpg": _ddpg, "ppo": _ppo}
+def config_class(name: str) -> type[MeshConfig]:
+    """The RLlib configuration of an algorithm of `ALGORITHMS`."""
+    found: type[MeshConfig] = pkgutil.resolve_name(ALGORITHMS[name].config)
+    return found
 
 
 def configured(config: Config) -> MeshConfig:
@@ -76,7 +31,8 @@ def configured(config: Config) -> MeshConfig:
     learner, runners, curriculum = config["learner"], config["runners"], config["curriculum"]
     domains = [source(stage) for stage in curriculum["stages"]]
     return (
-        ALGORITHMS[config["algorithm"]](config)
+        config_class(config["algorithm"])()
+        .configure(config)
         .environment(register(), env_config={"domain": domains, "parameters": meshing_parameters(config)})
         .env_runners(num_env_runners=runners["count"], num_envs_per_env_runner=runners["envs_per_runner"])
         .learners(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Self
 
 import numpy as np
 import ray
@@ -64,7 +64,11 @@ class MeshConfig(AlgorithmConfig):
         self.env_runner_health_probe_timeout_s = 1.0
         self.torch_skip_nan_gradients = False
 
-    def training(self, **settings: Any) -> Any:
+    def configure(self, config: Mapping[str, Any]) -> Self:
+        """Take over how a configuration tree (see ``config.load``) says to learn; this configuration."""
+        raise NotImplementedError
+
+    def training(self, **settings: Any) -> Self:
         """RLlib's training settings, and those of ``OWN``; this configuration."""
         for name in self.OWN:
             if name in settings:
@@ -80,6 +84,11 @@ class MeshAlgorithm(Algorithm):
     """An algorithm as ``training.Algorithm`` has it; a learner beside it says how a round is taken."""
 
     config: MeshConfig
+
+    @classmethod
+    def get_default_config(cls) -> MeshConfig:
+        """What every configuration given is an instance of: RLlib then completes none of them."""
+        return MeshConfig()
 
     def setup(self, config: Any) -> None:
         """Build runners and learner; nothing is taken yet."""

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Self
 
 import numpy as np
 from ray.rllib.core.columns import Columns
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID, MultiAgentBatch, SampleBatch
 from ray.rllib.utils.metrics import NUM_ENV_STEPS_SAMPLED_LIFETIME
 
+from freemesh_ray.algorithms.actor_critic_module import ActorCriticModule
 from freemesh_ray.algorithms.env_runner import Collected
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
+from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
 from freemesh_ray.algorithms.replay_buffer import ReplayBuffer, Transitions
+from freemesh_ray.config import ALGORITHMS, SCHEMA, Setting, check
 
 ROLLOUTS = "rollouts"
 REPLAY_BUFFER = "replay_buffer"
@@ -20,14 +25,24 @@ REPLAY_BUFFER = "replay_buffer"
 class OffPolicyConfig(MeshConfig):
     """What the algorithms with a replay buffer have in common; the numbers are those of the paper's table.
 
-    Besides MeshConfig's settings: ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform
-    actions, no updates).
+    Besides MeshConfig's settings: ``replay_buffer_config``, ``tau``, ``actor_lr`` and ``critic_lr`` as RLlib's SAC has
+    them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates), and
+    those of the algorithm's section in a configuration, with their defaults.
+
+    A subclass says its name and its learner; what else it may change is below.
     """
 
-    OWN = (*MeshConfig.OWN, "updates_per_step", "warmup_steps")
+    OWN = (
+        *MeshConfig.OWN, "replay_buffer_config", "tau", "actor_lr", "critic_lr", "updates_per_step", "warmup_steps",
+    )  # fmt: skip
+    #: In `ALGORITHMS`, where its settings are.
+    NAME: str
+    LEARNER: type[OffPolicyLearner]
+    MODULE: type[ActorCriticModule] = ActorCriticModule
+    CRITICS = 2
 
     def __init__(self, algo_class: type | None = None) -> None:
-        super().__init__(algo_class=algo_class)
+        super().__init__(algo_class=algo_class or OffPolicy)
         self.tau = 5e-3
         self.actor_lr = self.critic_lr = 3e-4
         self.train_batch_size_per_learner = 256
@@ -35,18 +50,54 @@ class OffPolicyConfig(MeshConfig):
         self.updates_per_step = 1.0
         self.warmup_steps = 5_000
         self.rollout_fragment_length = 8
+        for name, setting in self._section().items():
+            setattr(self, name, setting.default)
+
+    def _section(self) -> Mapping[str, Setting]:
+        """The algorithm's own settings."""
+        return ALGORITHMS[self.NAME].settings
+
+    def training(self, **settings: Any) -> Self:
+        """MeshConfig's, and the algorithm's own settings; this configuration."""
+        for name in self._section().keys() & settings.keys():
+            setattr(self, name, settings.pop(name))
+        return super().training(**settings)
+
+    def configure(self, config: Mapping[str, Any]) -> Self:
+        """Take over how a configuration tree says to learn; this configuration."""
+        learner = config["learner"]
+        return self.env_runners(rollout_fragment_length=config["runners"]["fragment"]).training(
+            tau=learner["tau"],
+            actor_lr=learner["learning_rate"],
+            critic_lr=learner["learning_rate"],
+            train_batch_size_per_learner=learner["batch_size"] // max(1, learner["count"]),
+            replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
+            updates_per_step=learner["updates_per_step"],
+            warmup_steps=learner["warmup_steps"],
+            **config[self.NAME],
+        )
 
     def validate(self) -> None:
-        """RLlib's checks, and those of the settings above.
+        """RLlib's checks, and that the settings above are in their ranges.
 
         Raises:
-            ValueError: a setting that these algorithms would silently ignore.
+            ConfigError: one is not.
         """
         super().validate()
-        if self.updates_per_step <= 0:
-            raise ValueError(f"updates_per_step = {self.updates_per_step}: must be above 0")
-        if self.warmup_steps < 1:
-            raise ValueError(f"warmup_steps = {self.warmup_steps}: must be at least 1")
+        ranges = {name: SCHEMA[f"learner.{name}"] for name in ("updates_per_step", "warmup_steps")}
+        for name, accepts in (ranges | {name: SCHEMA[f"{self.NAME}.{name}"] for name in self._section()}).items():
+            check(getattr(self, name), accepts, type(self).__name__, name)
+
+    def get_default_learner_class(self) -> type[OffPolicyLearner]:
+        """The algorithm's."""
+        return self.LEARNER
+
+    def get_default_rl_module_spec(self) -> RLModuleSpec:
+        """The algorithm's networks, which know its settings."""
+        own = {name: getattr(self, name) for name in self._section()}
+        return RLModuleSpec(
+            module_class=self.MODULE, model_config={"hidden": list(self.hidden), "critics": self.CRITICS} | own
+        )
 
 
 def dealt(rows: Transitions, minibatches: int, learners: int) -> list[Transitions]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Self
 
 from ray.rllib.algorithms.ppo import PPO as RLlibPPO
 from ray.rllib.algorithms.ppo import PPOConfig as RLlibPPOConfig
@@ -46,6 +47,21 @@ class PPOConfig(MeshConfig, RLlibPPOConfig):
         self.normalize_actions = False
         self.clip_actions = False
 
+    def configure(self, config: Mapping[str, Any]) -> Self:
+        """Take over how a configuration tree says to learn; this configuration."""
+        ppo, learners = config["ppo"], max(1, config["learner"]["count"])
+        return self.training(
+            lr=config["learner"]["learning_rate"],
+            train_batch_size_per_learner=math.ceil(ppo["rollout_steps"] / learners),
+            num_epochs=ppo["epochs"],
+            minibatch_size=ppo["minibatch_size"] // learners,
+            clip_param=ppo["clip"],
+            lambda_=ppo["gae_lambda"],
+            entropy_coeff=ppo["entropy_coefficient"],
+            vf_loss_coeff=ppo["value_coefficient"],
+            grad_clip=ppo["max_grad_norm"],
+        )
+
     def get_default_learner_class(self) -> type[PPOLearner]:
         """RLlib's, configured."""
         return PPOLearner
@@ -62,11 +78,6 @@ class PPO(MeshAlgorithm, RLlibPPO):
     """
 
     config: PPOConfig
-
-    @classmethod
-    def get_default_config(cls) -> PPOConfig:
-        """Stable-Baselines3's numbers."""
-        return PPOConfig()
 
     def training_step(self) -> None:
         """One round: episodes of all env runners, then the epochs on them."""

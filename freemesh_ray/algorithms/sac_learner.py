@@ -5,12 +5,13 @@ A step is what Haarnoja et al. (2018b) and Stable-Baselines3 do, in their order:
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import torch
 
 from freemesh_ray.algorithms import squashed_gaussian
-from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
+from freemesh_ray.algorithms.off_policy_learner import Minibatch, OffPolicyLearner
 from freemesh_ray.algorithms.sac_module import SACModule
 
 
@@ -19,27 +20,28 @@ class SACLearner(OffPolicyLearner):
 
     def optimised(self, module: SACModule, config: Any) -> dict[str, tuple[list[torch.Tensor], float]]:
         """Critics, actor and temperature."""
-        return {
-            "critic": (list(module.critic.parameters()), config.critic_lr),
-            "actor": (list(module.actor.parameters()), config.actor_lr),
-            "alpha": ([module.log_alpha], config.alpha_lr),
-        }
+        return {**super().optimised(module, config), "alpha": ([module.log_alpha], config.alpha_lr)}
 
-    def draws(self, config: Any) -> int:
-        """For the action at each state and at its successor."""
-        return 2
+    def losses(self, module: SACModule, config: Any, minibatch: Minibatch) -> Iterator[tuple[str, torch.Tensor]]:
+        """J(alpha), J_Q(theta), J(phi)."""
+        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        target_entropy = -float(actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
+        alpha = module.log_alpha.exp().detach()
 
-    def _step(
-        self,
-        module_id: str,
-        config: Any,
-        obs: torch.Tensor,
-        actions: torch.Tensor,
-        rewards: torch.Tensor,
-        next_obs: torch.Tensor,
-        terminated: torch.Tensor,
-        noise: torch.Tensor,
-    ) -> dict[str, torch.Tensor]:
+        new_actions, log_pi = squashed_gaussian.sample(module.actor(obs), noise[0])
+        yield "alpha", -(module.log_alpha * (log_pi.detach() + target_entropy)).mean()
+
+        with torch.no_grad():
+            next_actions, next_log_pi = squashed_gaussian.sample(module.actor(next_obs), noise[1])
+            next_value = module.target_q(next_obs, next_actions).amin(dim=0) - alpha * next_log_pi
+            target = rewards + config.gamma * (1.0 - terminated) * next_value
+        yield "critic", 0.5 * (module.q(obs, actions) - target).square().mean(dim=1).sum()
+
+        yield "actor", (alpha * log_pi - module.q(obs, new_actions).amin(dim=0)).mean()
+
+    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
+        """The same with its gradients written out."""
+        obs, actions, rewards, next_obs, terminated, noise = minibatch
         module: SACModule = self._module[module_id]
         critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
         alpha = module.log_alpha.exp()

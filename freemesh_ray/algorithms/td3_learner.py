@@ -6,53 +6,40 @@ A step is what Fujimoto et al. (2018, algorithm 1) and Stable-Baselines3 do, in 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import torch
 
-from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
+from freemesh_ray.algorithms.off_policy_learner import Minibatch, OffPolicyLearner
 from freemesh_ray.algorithms.td3_module import TD3Module
 
 
 class TD3Learner(OffPolicyLearner):
     """Updates a TD3Module."""
 
-    def build(self) -> None:
-        """Build module and optimizers; no step is taken yet."""
-        super().build()
-        self._steps = 0
-
-    def optimised(self, module: TD3Module, config: Any) -> dict[str, tuple[list[torch.Tensor], float]]:
-        """Critics and actor."""
-        return {
-            "critic": (list(module.critic.parameters()), config.critic_lr),
-            "actor": (list(module.actor.parameters()), config.actor_lr),
-        }
-
     def draws(self, config: Any) -> int:
         """For the target's action, if that is smoothed."""
         return int(config.target_noise > 0)
 
-    def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
-        """The learner's state with its count of steps, which the delay depends on."""
-        return super().get_state(*args, **kwargs) | {"steps": self._steps}
+    def losses(self, module: TD3Module, config: Any, minibatch: Minibatch) -> Iterator[tuple[str, torch.Tensor]]:
+        """The critics', and in its turn the deterministic policy's."""
+        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        with torch.no_grad():
+            next_actions = module.target_actor(next_obs).tanh()
+            if config.target_noise:
+                limit = config.target_noise_clip
+                next_actions = (next_actions + (config.target_noise * noise[0]).clamp(-limit, limit)).clamp(-1.0, 1.0)
+            next_value = module.target_q(next_obs, next_actions).amin(dim=0)
+            target = rewards + config.gamma * (1.0 - terminated) * next_value
+        yield "critic", (module.q(obs, actions) - target).square().mean(dim=1).sum()
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Take over a state."""
-        super().set_state(state)
-        self._steps = state.get("steps", self._steps)
+        if self._steps % config.policy_delay == 0:
+            yield "actor", -module.q(obs, module.actor(obs).tanh())[0].mean()
 
-    def _step(
-        self,
-        module_id: str,
-        config: Any,
-        obs: torch.Tensor,
-        actions: torch.Tensor,
-        rewards: torch.Tensor,
-        next_obs: torch.Tensor,
-        terminated: torch.Tensor,
-        noise: torch.Tensor,
-    ) -> dict[str, torch.Tensor]:
+    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
+        """The same with its gradients written out."""
+        obs, actions, rewards, next_obs, terminated, noise = minibatch
         module: TD3Module = self._module[module_id]
         critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
         size = len(obs)
@@ -70,7 +57,6 @@ class TD3Learner(OffPolicyLearner):
         self._descend(module_id, "critic", critic_parameters, module.critic.backward(critic_trace, d_q))
         figures = {"critic_loss": residual.square().sum() / size, "q_mean": critic_trace[-1]}
 
-        self._steps += 1
         if self._steps % config.policy_delay:
             return figures
 

@@ -37,6 +37,7 @@ def algorithm(
         .training(
             warmup_steps=warmup,
             updates_per_step=RATIO,
+            initial_alpha=1.0,  # as Stable-Baselines3 begins
             train_batch_size_per_learner=batch // max(1, learners),
         )
         .debugging(seed=seed, log_level="ERROR")

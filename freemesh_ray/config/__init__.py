@@ -1,21 +1,26 @@
 """One tree of settings: ``defaults.yaml``, then overlays, then ``key=value``; what is wrong says where and why.
 
-field (what a value may be) -> schema (every key) -> document (YAML) -> layer (an overlay) -> tree (all of them)
+field (what a value may be) -> algorithms (what each has of its own) -> schema (every key) -> document (YAML)
+-> layer (an overlay) -> tree (all of them)
 """
 
+from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, Setting
 from freemesh_ray.config.document import document, dump, plain, read_plain, shipped
 from freemesh_ray.config.field import ConfigError, Field, check
 from freemesh_ray.config.layer import Layer, file_layer, set_layer, tree_layer, value_layer, values
-from freemesh_ray.config.schema import COUNT, SCHEMA, SHORTHANDS
+from freemesh_ray.config.schema import COUNT, SCHEMA, SHORTHANDS, register
 from freemesh_ray.config.tree import flatten, load, meshing_parameters, resolve
 
 __all__ = [
+    "ALGORITHMS",
     "COUNT",
     "SCHEMA",
     "SHORTHANDS",
+    "Algorithm",
     "ConfigError",
     "Field",
     "Layer",
+    "Setting",
     "check",
     "document",
     "dump",
@@ -25,6 +30,7 @@ __all__ = [
     "meshing_parameters",
     "plain",
     "read_plain",
+    "register",
     "resolve",
     "set_layer",
     "shipped",

@@ -12,7 +12,7 @@ import yaml
 
 from freemesh_ray.config.document import composed, document, plain
 from freemesh_ray.config.field import ConfigError
-from freemesh_ray.config.schema import SCHEMA, SECTIONS
+from freemesh_ray.config.schema import SCHEMA, sections
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def _entries(node: yaml.Node, key: str, place: str, line: int | None) -> Iterato
     here = place if line is None else f"{place}:{line}"
     if key in SCHEMA:
         yield Entry(key, _value(node, key, here), here)
-    elif key and key not in SECTIONS:
+    elif key and key not in sections():
         raise ConfigError(f"{here}: {key}: unknown key{_nearest(key)}")
     elif isinstance(node, yaml.MappingNode):
         for name, child in node.value:
@@ -108,14 +108,14 @@ def _unique(entries: Iterator[Entry]) -> list[Entry]:
 
 def _nearest(key: str) -> str:
     """The known key that was probably meant, as the end of a message."""
-    known = [*SCHEMA, *SECTIONS]
+    known = [*SCHEMA, *sections()]
     last = key.rpartition(".")[2]
     found = (
         difflib.get_close_matches(key, known, n=1, cutoff=0.75)
         or [name for name in SCHEMA if difflib.get_close_matches(last, [name.rpartition(".")[2]], cutoff=0.75)]
         or difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     )
-    return f": did you mean {found[0]}?" if found else f": known are name, seed, algorithm and {', '.join(SECTIONS)}"
+    return f": did you mean {found[0]}?" if found else f": known are name, seed, algorithm and {', '.join(sections())}"
 
 
 def _example(key: str) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from envs.types import COUNT, NAMED, SETTINGS, TINY
+from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, settings_by_key
 from freemesh_ray.config.field import Field
 
 #: Dotted key -> what it accepts. ``defaults.yaml`` holds the same keys, with their meaning and default.
 SCHEMA: dict[str, Field] = {
     "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
     "seed": Field(int, 0, 2**31 - 1),
-    "algorithm": Field(str, words=("sac", "td3", "ddpg", "ppo")),
+    "algorithm": Field(str, words=tuple(ALGORITHMS)),
     **{f"env.{name}": Field(str, words=tuple(numbers), optional=True) for name, numbers in NAMED.items()},
     **{f"env.{name}": Field(**vars(setting)) for name, setting in SETTINGS.items()},
     "curriculum.stages": Field(str, many=True, distinct=True),
@@ -27,21 +28,7 @@ SCHEMA: dict[str, Field] = {
     "learner.warmup_steps": Field(int, 1, 10**9),
     "learner.count": Field(int, 0, 64),
     "learner.device": Field(str, words=("auto", "cpu", "cuda")),
-    "sac.target_entropy": Field(float, -1000, 1000, words=("auto",)),
-    "sac.initial_alpha": Field(float, TINY, 1000),
-    "td3.exploration_noise": Field(float, 0, 1),
-    "td3.target_noise": Field(float, 0, 2),
-    "td3.target_noise_clip": Field(float, 0, 2),
-    "td3.policy_delay": Field(int, 1, 1000),
-    "ddpg.exploration_noise": Field(float, 0, 1),
-    "ppo.rollout_steps": Field(int, 1, 10**7),
-    "ppo.epochs": Field(int, 1, 1000),
-    "ppo.minibatch_size": Field(int, 1, 10**7),
-    "ppo.clip": Field(float, TINY, 1),
-    "ppo.gae_lambda": Field(float, 0, 1),
-    "ppo.entropy_coefficient": Field(float, 0, 100),
-    "ppo.value_coefficient": Field(float, 0, 100),
-    "ppo.max_grad_norm": Field(float, TINY, 10**9),
+    **{key: setting.accepts for key, setting in settings_by_key(ALGORITHMS).items()},
     "runners.count": Field(int, 0, 1024),
     "runners.envs_per_runner": Field(int, 1, 4096),
     "runners.fragment": Field(int, 1, 10**5),
@@ -71,13 +58,19 @@ SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
     for key, names in NAMED.items()
 }
 
-#: (smaller, larger): the first key's value is at most the second's.
-AT_MOST: tuple[tuple[str, str], ...] = (
-    ("learner.batch_size", "learner.buffer_size"),
-    ("ppo.minibatch_size", "ppo.rollout_steps"),
-)
 
-#: Algorithm -> the key of what one update's transitions are, of which every learner has an equal share.
-SHARED: dict[str, str] = dict.fromkeys(("sac", "td3", "ddpg"), "learner.batch_size") | {"ppo": "ppo.minibatch_size"}
+def sections() -> tuple[str, ...]:
+    """The sections of a configuration, in order."""
+    return tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))
 
-SECTIONS = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA if "." in key))
+
+def register(name: str, algorithm: Algorithm) -> None:
+    """Let ``algorithm: name`` be written in the configurations of this process, and a section ``name``.
+
+    Args:
+        name: a new one.
+        algorithm: as those of ``ALGORITHMS``.
+    """
+    ALGORITHMS[name] = algorithm
+    SCHEMA["algorithm"] = Field(str, words=tuple(ALGORITHMS))
+    SCHEMA.update((key, setting.accepts) for key, setting in settings_by_key({name: algorithm}).items())

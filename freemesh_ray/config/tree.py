@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from envs.types import SETTINGS, MeshingParameters
+from freemesh_ray.config.algorithms import ALGORITHMS, settings_by_key
 from freemesh_ray.config.field import ConfigError, check
 from freemesh_ray.config.layer import Entry, Layer, file_layer, set_layer
-from freemesh_ray.config.schema import AT_MOST, SCHEMA, SHARED, SHORTHANDS
+from freemesh_ray.config.schema import SCHEMA, SHORTHANDS
 
 Scalar = str | int | float | bool | None
 
@@ -42,7 +43,7 @@ def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
     Raises:
         ConfigError: a wrong type or range.
     """
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = {key: setting.default for key, setting in settings_by_key(ALGORITHMS).items()}
     places: dict[str, str] = {}  # where each key was set last
     for layer in (file_layer("defaults"), *layers):
         checked = [(entry, _checked(entry)) for entry in layer]
@@ -54,12 +55,12 @@ def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
             places[entry.key] = entry.place
     for key, names in SHORTHANDS.items():
         settings[key] = next((name for name, sets_ in names.items() if sets_.items() <= settings.items()), None)
-    for small, large in AT_MOST:
+    for small, large in dict.fromkeys((algorithm.batch, algorithm.experience) for algorithm in ALGORITHMS.values()):
         if settings[small] > settings[large]:
             last = max(small, large, key=list(places).index)
             values = f"{small} = {settings[small]} is more than {large} = {settings[large]}"
             raise ConfigError(f"{places[last]}: {values}: lower it")
-    shared, learners = SHARED[settings["algorithm"]], settings["learner.count"]
+    shared, learners = ALGORITHMS[settings["algorithm"]].batch, settings["learner.count"]
     if learners and settings[shared] % learners:
         last = max(shared, "learner.count", "algorithm", key=list(places).index)
         values = f"{shared} = {settings[shared]} cannot be shared out among learner.count = {learners}"

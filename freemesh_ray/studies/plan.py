@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from freemesh_ray.config import SCHEMA, flatten
+from freemesh_ray.config import ALGORITHMS, flatten
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.training.run_folder import RunFolder
 
-#: Names of algorithms, which are also the sections of what is theirs alone.
-ALGORITHMS = SCHEMA["algorithm"].words
 #: Label of a search's trial that has the study's own settings.
 DEFAULT = "default"
 #: Settings that decide where things lie, and nothing of what is learnt.

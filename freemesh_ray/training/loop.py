@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from envs.domains.load import source
-from freemesh_ray.config import meshing_parameters
+from freemesh_ray.config import ALGORITHMS, meshing_parameters
 from freemesh_ray.policies.evaluation import KINDS
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError
@@ -27,11 +27,6 @@ from freemesh_ray.training.run_folder import RunFolder
 
 #: Episodes that the running figures of the progress line are means of.
 RECENT = 50
-#: What is tracked of a learner's figures, where it has them: those of sac, td3 and ddpg, and those of ppo.
-FIGURES = (
-    "critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean",
-    "policy_loss", "vf_loss", "vf_explained_var", "entropy",
-)  # fmt: skip
 
 
 class Algorithm(Protocol):
@@ -310,7 +305,7 @@ class Training:
                 "train/element_quality": float(np.mean([e.mean_eta for e in ended])),
             }
         learner = results.get("learners", {}).get("default_policy", {})
-        for name in FIGURES:
+        for name in ALGORITHMS[self.config["algorithm"]].figures:
             if name in learner:
                 values[f"learner/{name}"] = float(learner[name])
         self.run.metrics(values, step=self.progress.env_steps)

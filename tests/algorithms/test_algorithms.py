@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from fixed_temperature import registered
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
 from freemesh_ray import config
-from freemesh_ray.algorithms.build import ALGORITHMS, build
-from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
+from freemesh_ray.algorithms.build import build, config_class
+from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
+from freemesh_ray.config import ALGORITHMS
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.training import checkpoint
@@ -23,12 +25,14 @@ SETTINGS = [
     "learner.warmup_steps=100", "learner.updates_per_step=0.1", "ppo.rollout_steps=128", "ppo.epochs=2",
     "curriculum.stages=[T1, T2]", "curriculum.max_stage_steps=300", "evaluation.episodes=2",
 ]  # fmt: skip
+#: Those that ship, and one with losses alone.
+NAMES = [*ALGORITHMS, "fixed"]
 ON_POLICY = ("ppo",)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def ray() -> Iterator[None]:
-    with local_ray(3):
+    with registered(), local_ray(3):
         yield
 
 
@@ -50,11 +54,16 @@ def weights(algorithm: MeshAlgorithm) -> dict[str, np.ndarray]:
     return learner_state(algorithm)["rl_module"][DEFAULT_POLICY_ID]
 
 
-def test_every_word_of_the_configuration_is_an_algorithm() -> None:
-    assert tuple(ALGORITHMS) == config.SCHEMA["algorithm"].words
+@pytest.mark.parametrize("name", NAMES)
+def test_every_entry_names_the_configuration_that_has_its_settings(name: str) -> None:
+    found = config_class(name)()
+    assert isinstance(found, MeshConfig)
+    assert name in ON_POLICY or all(
+        getattr(found, key) == setting.default for key, setting in ALGORITHMS[name].settings.items()
+    )
 
 
-@pytest.mark.parametrize("name", ALGORITHMS)
+@pytest.mark.parametrize("name", NAMES)
 def test_rounds_train_and_count(name: str) -> None:
     algorithm = make(name)
     before = weights(algorithm)
@@ -73,7 +82,7 @@ def test_rounds_train_and_count(name: str) -> None:
     algorithm.stop()
 
 
-@pytest.mark.parametrize("name", ALGORITHMS)
+@pytest.mark.parametrize("name", NAMES)
 def test_what_is_exported_acts_as_the_module_does(name: str) -> None:
     algorithm = make(name)
     rounds(algorithm, 300)
@@ -84,9 +93,7 @@ def test_what_is_exported_acts_as_the_module_does(name: str) -> None:
     with torch.no_grad():
         expected = module.actor(torch.from_numpy(obs))[:, :3].tanh().numpy()
     np.testing.assert_allclose(policy.act(obs, False, np.random.default_rng(0)), expected, atol=1e-5)
-    assert [weight.shape[0] for weight, _ in policy.critic[:1]] == {"sac": [2], "td3": [2], "ddpg": [1], "ppo": []}[
-        name
-    ]
+    assert [weight.shape[0] for weight, _ in policy.critic[:1]] == {"ddpg": [1], "ppo": []}.get(name, [2])
     found = algorithm.evaluate()
     assert set(found) == {"deterministic", "stochastic"}
     assert all(np.isfinite(list(figures.values())).all() for kind in found.values() for figures in kind.values())
@@ -106,7 +113,7 @@ def test_the_export_explores_as_the_training_does_in_the_middle(name: str) -> No
     algorithm.stop()
 
 
-@pytest.mark.parametrize("name", [name for name in ALGORITHMS if name not in ON_POLICY])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ON_POLICY])
 def test_a_restored_training_goes_on_as_the_original(name: str, tmp_path: Path) -> None:
     """Bit for bit: networks, optimizers, experience, curriculum, episodes in flight, random states."""
     original = make(name)
@@ -126,7 +133,7 @@ def test_a_restored_training_goes_on_as_the_original(name: str, tmp_path: Path) 
         algorithm.stop()
 
 
-@pytest.mark.parametrize("name", ALGORITHMS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_restored_training_learns_at_the_rate_of_its_configuration(name: str, tmp_path: Path) -> None:
     original = make(name)
     rounds(original, 300)

@@ -18,7 +18,7 @@ from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 from freemesh_ray.algorithms import device
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.off_policy import OffPolicyConfig
-from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
+from freemesh_ray.algorithms.off_policy_learner import Minibatch, OffPolicyLearner
 from freemesh_ray.algorithms.sac import SACConfig
 from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.bench import gpu
@@ -74,8 +74,8 @@ def test_a_step_makes_every_tensor_on_the_learner_s_device(
     rows = [column.expand(BATCH, *column.shape).clone() for column in columns]
     config = built.config
     noise = torch.empty((built.draws(config), BATCH, ACT), device="meta")
-    for _ in range(2):  # the second is TD3's first with an actor
-        figures = built._step(DEFAULT_POLICY_ID, config, *rows, noise)
+    for built._steps in (1, 2):  # the second is TD3's first with an actor
+        figures = built._step(DEFAULT_POLICY_ID, config, Minibatch(*rows, noise))
     assert set(descended) == set(built.optimised(module(built), config))
     assert {figure.device.type for figure in figures.values()} == {"meta"}
 
@@ -88,8 +88,8 @@ def test_the_batch_and_its_noise_come_to_the_learner_s_device(
     built._device = torch.device("meta")
     seen: list[torch.Tensor] = []
 
-    def step(module_id: str, config: OffPolicyConfig, *given: torch.Tensor) -> dict[str, torch.Tensor]:
-        seen.extend(given)
+    def step(module_id: str, config: OffPolicyConfig, minibatch: Minibatch) -> dict[str, torch.Tensor]:
+        seen.extend(minibatch)
         return {"critic_loss": torch.zeros(1)}
 
     monkeypatch.setattr(built, "_step", step)

@@ -5,91 +5,11 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
 import pytest
 import torch
-from gymnasium import spaces
-from learners import ACT, BATCH, OBS, batch, learner, module, update
-from ray.rllib.core.columns import Columns
-from torch import nn
+from learners import ACT, OBS, batch, learner, module, update
 
-from freemesh_ray.algorithms.ddpg import DDPGConfig
-from freemesh_ray.algorithms.networks import Mlp
 from freemesh_ray.algorithms.td3 import TD3Config
-from freemesh_ray.algorithms.td3_module import TD3Module
-
-STEPS = 7
-
-
-class Nowhere(gym.Env[np.ndarray, np.ndarray]):
-    """An environment that only has spaces."""
-
-    observation_space = spaces.Box(-1, 1, (OBS,))
-    action_space = spaces.Box(-1, 1, (ACT,))
-
-
-def copied(linears: nn.Module, network: Mlp, which: int | None = None) -> None:
-    """The weights of a network, or of one of a stack, into torch's layers."""
-    layers = [layer for layer in linears if isinstance(layer, nn.Linear)]
-    with torch.no_grad():
-        for linear, weight, bias in zip(layers, network.weights, network.biases, strict=True):
-            linear.weight.copy_((weight if which is None else weight[which]).T)
-            linear.bias.copy_(bias if which is None else bias[which, 0])
-
-
-def stable_baselines(kind: str, ours: TD3Module, rows: dict[str, np.ndarray]) -> Any:
-    """Stable-Baselines3's algorithm with our weights, whose replay buffer gives out ``rows`` in order."""
-    baselines = pytest.importorskip("stable_baselines3")
-    from stable_baselines3.common.logger import Logger
-    from stable_baselines3.common.type_aliases import ReplayBufferSamples
-
-    model = getattr(baselines, kind)(
-        "MlpPolicy", Nowhere(), learning_rate=3e-4, buffer_size=10, policy_kwargs={"net_arch": [16, 16]}, device="cpu"
-    )
-    for actor, mu in ((ours.actor, model.actor), (ours.target_actor, model.actor_target)):
-        copied(mu.mu, actor)
-    for critic, theirs in ((ours.critic, model.critic), (ours.target_critic, model.critic_target)):
-        for i, network in enumerate(theirs.q_networks):
-            copied(network, critic, i)
-    parts = iter(range(STEPS))
-
-    def sample(size: int, env: Any) -> ReplayBufferSamples:
-        k = next(parts)
-        one = {key: torch.from_numpy(value[k * size : (k + 1) * size]) for key, value in rows.items()}
-        return ReplayBufferSamples(
-            one[Columns.OBS], one[Columns.ACTIONS], one[Columns.NEXT_OBS],
-            one[Columns.TERMINATEDS][:, None], one[Columns.REWARDS][:, None],
-        )  # fmt: skip
-
-    model.replay_buffer.sample = sample
-    model.set_logger(Logger(None, []))
-    return model
-
-
-@pytest.mark.parametrize(("kind", "config"), [("TD3", TD3Config), ("DDPG", DDPGConfig)])
-def test_k_updates_are_those_of_stable_baselines(kind: str, config: type[TD3Config]) -> None:
-    built, rows = learner(config()), batch(STEPS)
-    start = copy.deepcopy(module(built))
-    model = stable_baselines(kind, start, rows)
-    torch.manual_seed(0)  # the learner's noise has this seed, too
-    model.train(STEPS, BATCH)
-    update(built, rows)
-    ours, moved = module(built), False
-    for network, actor in ((ours.actor, model.actor), (ours.target_actor, model.actor_target)):
-        expected = copy.deepcopy(actor.mu)
-        copied(expected, network)
-        for new, old in zip(expected.parameters(), actor.mu.parameters(), strict=True):
-            torch.testing.assert_close(new, old, rtol=1e-5, atol=1e-6)
-    for critic, theirs in ((ours.critic, model.critic), (ours.target_critic, model.critic_target)):
-        for i, q in enumerate(theirs.q_networks):
-            expected = copy.deepcopy(q)
-            copied(expected, critic, i)
-            for new, old in zip(expected.parameters(), q.parameters(), strict=True):
-                torch.testing.assert_close(new, old, rtol=1e-5, atol=1e-6)
-    for new, old in zip(ours.parameters(), start.parameters(), strict=True):
-        moved |= bool((new - old).abs().max() > 1e-4)
-    assert moved
 
 
 def test_actor_and_targets_wait_for_the_critics() -> None:

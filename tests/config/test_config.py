@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from envs.types import NAMED, SETTINGS, TINY, MeshingParameters
 from freemesh_ray.config import (
+    ALGORITHMS,
     SCHEMA,
     SHORTHANDS,
     ConfigError,
@@ -25,8 +26,9 @@ from freemesh_ray.config import (
     load,
     meshing_parameters,
 )
-from freemesh_ray.config.schema import AT_MOST, SHARED
 
+#: (smaller, larger): the first key's value is at most the second's.
+AT_MOST = {(algorithm.batch, algorithm.experience) for algorithm in ALGORITHMS.values()}
 DEFAULTS_TEXT = (resources.files("tune_configs") / "defaults.yaml").read_text(encoding="utf-8")
 
 
@@ -77,6 +79,13 @@ def test_the_defaults_hold_exactly_the_keys_of_the_schema_each_with_a_comment():
         "paths:",
     )
     assert [line for line in keys if " # " not in line] == [line for line in keys if line.strip() in sections]
+
+
+def test_the_defaults_of_an_algorithm_are_those_of_its_entry():
+    written_out = yaml.safe_load(DEFAULTS_TEXT)
+    for name, algorithm in ALGORITHMS.items():
+        assert written_out[name] == {key: setting.default for key, setting in algorithm.settings.items()}
+        assert load([], [f"algorithm={name}"])[name] == written_out[name]
 
 
 def test_the_defaults_are_the_environments_own():
@@ -164,7 +173,7 @@ def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
     for small, large in AT_MOST:
         if chosen.get(small, defaults[small]) > chosen.get(large, defaults[large]):
             chosen |= {small: 1}
-    shared = SHARED[chosen.get("algorithm", defaults["algorithm"])]
+    shared = ALGORITHMS[chosen.get("algorithm", defaults["algorithm"])].batch
     if chosen.get(shared, defaults[shared]) % max(1, chosen.get("learner.count", 0)):
         chosen |= {"learner.count": 1}
     sets = [f"{key}={yaml.safe_dump(value, default_flow_style=True, width=10**6).split('...')[0].strip()}"

@@ -1,0 +1,89 @@
+"""The algorithms: what ``algorithm`` in a configuration can be, and the settings that each has in a section of its own.
+
+A new algorithm is an entry of `ALGORITHMS` and one file in ``freemesh_ray/algorithms``. The file is named here, not
+imported: settings are read without Ray and torch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from envs.types import TINY
+from freemesh_ray.config.field import Field
+
+
+class Setting(NamedTuple):
+    """A setting of one algorithm: its default, and what it accepts."""
+
+    default: Any
+    accepts: Field
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """What the platform knows of an algorithm before it runs.
+
+    Attributes:
+        config: ``module:class`` of its RLlib configuration, a ``MeshConfig``.
+        settings: those of its section, by name; ``defaults.yaml`` holds the same, with their meaning.
+        batch: key of how many transitions one update takes: every learner has an equal share of them.
+        experience: key of how many transitions those are drawn from: at least as many.
+        figures: of what its learner reports, those that are tracked as ``learner/*``, where it reports them.
+    """
+
+    config: str
+    settings: Mapping[str, Setting] = field(default_factory=dict)
+    batch: str = "learner.batch_size"
+    experience: str = "learner.buffer_size"
+    figures: tuple[str, ...] = ("critic_loss", "actor_loss", "q_mean")
+
+
+_EXPLORATION_NOISE = Setting(0.1, Field(float, 0, 1))
+
+ALGORITHMS: dict[str, Algorithm] = {
+    "sac": Algorithm(
+        "freemesh_ray.algorithms.sac:SACConfig",
+        {
+            "target_entropy": Setting("auto", Field(float, -1000, 1000, words=("auto",))),
+            "initial_alpha": Setting(0.1, Field(float, TINY, 1000)),
+        },
+        figures=("critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean"),
+    ),
+    "td3": Algorithm(
+        "freemesh_ray.algorithms.td3:TD3Config",
+        {
+            "exploration_noise": _EXPLORATION_NOISE,
+            "target_noise": Setting(0.2, Field(float, 0, 2)),
+            "target_noise_clip": Setting(0.5, Field(float, 0, 2)),
+            "policy_delay": Setting(2, Field(int, 1, 1000)),
+        },
+    ),
+    "ddpg": Algorithm("freemesh_ray.algorithms.ddpg:DDPGConfig", {"exploration_noise": _EXPLORATION_NOISE}),
+    "ppo": Algorithm(
+        "freemesh_ray.algorithms.ppo:PPOConfig",
+        {
+            "rollout_steps": Setting(2048, Field(int, 1, 10**7)),
+            "epochs": Setting(10, Field(int, 1, 1000)),
+            "minibatch_size": Setting(64, Field(int, 1, 10**7)),
+            "clip": Setting(0.2, Field(float, TINY, 1)),
+            "gae_lambda": Setting(0.95, Field(float, 0, 1)),
+            "entropy_coefficient": Setting(0.0, Field(float, 0, 100)),
+            "value_coefficient": Setting(0.5, Field(float, 0, 100)),
+            "max_grad_norm": Setting(0.5, Field(float, TINY, 10**9)),
+        },
+        batch="ppo.minibatch_size",
+        experience="ppo.rollout_steps",
+        figures=("policy_loss", "vf_loss", "vf_explained_var", "entropy"),
+    ),
+}
+
+
+def settings_by_key(algorithms: Mapping[str, Algorithm]) -> dict[str, Setting]:
+    """Every setting of these algorithms by its dotted key."""
+    return {
+        f"{name}.{key}": setting
+        for name, algorithm in algorithms.items()
+        for key, setting in algorithm.settings.items()
+    }
