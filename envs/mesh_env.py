@@ -35,8 +35,8 @@ def parameters_of(options: Mapping[str, Any], base: MeshingParameters | None = N
     """``base``, by default the paper's, with the options in place of its numbers.
 
     Args:
-        options: fields of MeshingParameters; ``observation="O2"`` and ``radius="R2"`` are the paper's names for some.
-            A number given beside a name has its way.
+        options: fields of MeshingParameters, or the paper's names for several (``observation="O2"``, ``radius="R2"``);
+            a field overrides a name.
         base: what holds where no option is given.
 
     Raises:
@@ -79,7 +79,7 @@ class Task:
         return dict(zip(self.names, self.weights.tolist(), strict=True))
 
     def set(self, weights: Mapping[str, float]) -> None:
-        """Draw from these domains, with these weights (they need not add up to 1); the others not at all.
+        """Draw the next episodes from these domains alone, in proportion to their weights.
 
         Raises:
             ValueError: an unknown domain, a negative weight, or none above zero.
@@ -93,7 +93,7 @@ class Task:
         self.weights = chosen / chosen.sum()
 
     def draw(self, random: np.random.Generator) -> int:
-        """The index of a domain; one random number is used whenever there is a choice."""
+        """The index of a domain, by one random number; by none where there is only one."""
         if len(self.weights) == 1:
             return 0
         return int(
@@ -163,7 +163,7 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
 
 
 def ending(episodes: Episodes, i: int) -> dict[str, Any]:
-    """What is told of an episode when it ends."""
+    """The entries of ``info`` that only the last step of an episode has."""
     mesh = episodes.mesh(i)
     return {
         "mesh": mesh,

@@ -21,7 +21,7 @@ _ACTION_TYPES = np.array(ACTION_TYPES)
 
 
 class MeshVectorEnv(VectorEnv):
-    """``num_envs`` episodes of FreeMesh-v0, step for step what single environments give.
+    """``num_envs`` episodes of FreeMesh-v0; each goes step for step as in a MeshEnv with the same seed and actions.
 
     Autoreset is NEXT_STEP: the step after an episode's end ignores the action, begins a new episode and returns its
     first observation with reward 0. Infos are as MeshEnv's, as arrays with Gymnasium's ``_key`` masks.

@@ -11,7 +11,7 @@ Polar coordinates with origin V_0 and axis V_0 -> V_r,1; lengths over L_r = beta
     4 n + 2 j - 1            zeta{j}_angle   pi      [0, 2]
     4 n + 2 g                rho             1       [0, 1]     area left over initial area
 
-Extended (MeshingParameters.extended), by the elements that vertices still lack to be regular, and the size wanted:
+With the setting ``extended``, the elements that vertices still lack to be regular, and the size wanted:
 
     5 n + 2 g + 1 - j        l{j}_lacks      4       [-1, 1]    of V_l,j, j = n..1
     5 n + 2 g + 1            0_lacks         4       [-1, 1]    of V_0

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from freemesh_ray.cli.arguments import add_command, note, whole
-from freemesh_ray.config.paths import Places, shown
+from freemesh_ray.config.paths import Paths, shown
 
 EPILOG = """\
 examples:
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.report.report import write
 
     out, docs = (Path(folder) if folder else None for folder in (options.out, options.docs))
-    folder = Places.here().home / options.studies / options.study
+    folder = Paths.from_environment().home / options.studies / options.study
     path = write(folder, out=out, docs=docs, episodes=options.episodes, note=note)
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
         print(shown(file))

@@ -27,11 +27,11 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         TrackingError: the store cannot be reached.
     """
-    from freemesh_ray.config.paths import Places
+    from freemesh_ray.config.paths import Paths
     from freemesh_ray.studies.study_folder import StudyFolder
     from freemesh_ray.tracking import sync
 
-    folder = Places.here().home / options.folder
+    folder = Paths.from_environment().home / options.folder
     runs = StudyFolder(folder).run_folders()
     print(f"delivered {sync(folder, options.uri, also=runs)} entries of {options.folder}")
     return 0

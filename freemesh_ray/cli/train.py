@@ -59,11 +59,11 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray import config
     from freemesh_ray.algorithms.device import check
     from freemesh_ray.cli.progress_line import ProgressLine
-    from freemesh_ray.config.paths import Places
+    from freemesh_ray.config.paths import Paths
     from freemesh_ray.local_ray import local_ray
     from freemesh_ray.training.job import prepare, train
 
-    settings = Places.here().settled(config.load(options.config, options.set))
+    settings = Paths.from_environment().resolved(config.load(options.config, options.set))
     check(settings["learner"])
     prepare(settings, options.resume)
     progress = ProgressLine(sys.stdout)

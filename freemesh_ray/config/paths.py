@@ -1,4 +1,4 @@
-"""Where runs, studies and the tracking store lie: what a configuration leaves relative is settled once, at its start.
+"""Where runs, studies and the tracking store lie: relative paths of a configuration become absolute once, at its start.
 
 FREEMESH_HOME         the folder that relative ``paths.runs``, ``paths.studies`` and ``sqlite:///file`` are below;
                       unset, it is the current folder, and ``~/freemesh`` in a job of a Ray cluster, whose current
@@ -23,8 +23,8 @@ SQLITE = "sqlite:///"
 
 
 @dataclass(frozen=True)
-class Places:
-    """What relative places are relative to; taken from the environment once, it holds on every machine.
+class Paths:
+    """What the paths of a configuration are relative to, read from this process's environment variables once.
 
     Attributes:
         home: an absolute folder; it need not exist.
@@ -35,16 +35,16 @@ class Places:
     store: str
 
     @classmethod
-    def here(cls) -> Self:
-        """As this process's environment has it."""
+    def from_environment(cls) -> Self:
+        """What ``FREEMESH_HOME`` and ``MLFLOW_TRACKING_URI`` say, else the defaults above."""
         given = os.environ.get(HOME) or ("~/freemesh" if JOB in os.environ else "")
         return cls(Path(given).expanduser().absolute(), os.environ.get(STORE) or f"{SQLITE}mlflow.db")
 
-    def settled(self, config: Mapping[str, Any]) -> dict[str, Any]:
-        """The tree with a store, and with all its places absolute; settled once more, it stays the same.
+    def resolved(self, config: Mapping[str, Any]) -> dict[str, Any]:
+        """The tree with a tracking store and absolute paths; resolving it again changes nothing.
 
         Raises:
-            ConfigError: the environment's store is none that can be tracked to.
+            ConfigError: ``MLFLOW_TRACKING_URI`` is no store that can be tracked to.
         """
         tracking, paths = config["tracking"], config["paths"]
         uri = tracking["uri"] or check(self.store, SCHEMA["tracking.uri"], STORE, "tracking.uri")
@@ -57,9 +57,9 @@ class Places:
         }
 
 
-def shown(place: str | Path) -> str:
+def shown(path: str | Path) -> str:
     """A path, or a store, as short as it can be typed in the current folder."""
-    text = str(place)
+    text = str(path)
     scheme = SQLITE if text.startswith(SQLITE) else ""
-    path = Path(text.removeprefix(scheme))
-    return f"{scheme}{path.relative_to(Path.cwd())}" if path.is_relative_to(Path.cwd()) else text
+    full = Path(text.removeprefix(scheme))
+    return f"{scheme}{full.relative_to(Path.cwd())}" if full.is_relative_to(Path.cwd()) else text

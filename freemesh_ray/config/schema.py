@@ -49,8 +49,8 @@ SCHEMA: dict[str, Field] = {
     "paths.studies": Field(str),
 }  # fmt: skip
 
-#: Keys that stand for several: name -> the keys it sets. They act where they are written, so that a later layer, or a
-#: key beside them in the same file, still has its way; the loaded tree names the one that holds in the end, or null.
+#: Keys that set several others: key -> name -> the values it sets. A later overlay, or a single key in the same file,
+#: overrides them; the loaded tree holds the name whose values all stand in the end, else null.
 SHORTHANDS: dict[str, dict[str, dict[str, float]]] = {
     f"env.{key}": {
         name: {f"env.{field}": number for field, number in numbers.items()} for name, numbers in names.items()

@@ -16,7 +16,7 @@ import yaml
 
 from freemesh_ray import config
 from freemesh_ray.config import ConfigError, Field, Layer
-from freemesh_ray.config.paths import Places
+from freemesh_ray.config.paths import Paths
 from freemesh_ray.policies.evaluation import FIGURES, KINDS
 from freemesh_ray.studies.space import Space, read_space
 
@@ -90,7 +90,7 @@ class Study:
         search: None for a study of variants.
         settings: what all trials share.
         last: ``key=value`` settings, over everything.
-        places: where its trees' places lie.
+        paths: what its trees' paths are relative to.
     """
 
     name: str
@@ -106,7 +106,7 @@ class Study:
     search: Search | None
     settings: Layer
     last: Sequence[Layer] = ()
-    places: Places = field(default_factory=Places.here)
+    paths: Paths = field(default_factory=Paths.from_environment)
 
     def seeds_of(self, label: str) -> Sequence[int]:
         """The seeds that a variant is trained with."""
@@ -124,11 +124,11 @@ class Study:
         layers = [self.settings, *([self.variants[label]] if label is not None else []), *self.last]
         chosen = {key: list(value) if isinstance(value, tuple) else value for key, value in (drawn or {}).items()}
         own = config.value_layer({**chosen, "seed": seed}, f"study {self.name}")
-        return self.places.settled(config.resolve([*layers, own]))
+        return self.paths.resolved(config.resolve([*layers, own]))
 
     def settings_of_all(self) -> dict[str, Any]:
         """The complete tree without what trials differ in."""
-        return self.places.settled(config.resolve([self.settings, *self.last]))
+        return self.paths.resolved(config.resolve([self.settings, *self.last]))
 
     def tree(self) -> dict[str, Any]:
         """The study as a plain tree, to be written down."""

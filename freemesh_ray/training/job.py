@@ -103,7 +103,7 @@ def train(
     """The whole main job; what fails on the way goes on from the last checkpoint.
 
     Args:
-        config: a complete tree (``config.load``), its places settled (`places`).
+        config: a complete tree (``config.load``), its paths absolute (`config.paths`).
         resume: go on from the run's newest checkpoint; without one, begin.
         make: the algorithm's factory.
         report, note, interrupted: see Training.

@@ -9,7 +9,7 @@ import yaml
 
 from freemesh_ray import config
 from freemesh_ray.cli import command
-from freemesh_ray.config.paths import HOME, JOB, STORE, Places, shown
+from freemesh_ray.config.paths import HOME, JOB, STORE, Paths, shown
 from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.studies.definition import load
 from freemesh_ray.studies.plan import variants
@@ -28,9 +28,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def settled(*sets: str) -> tuple[str, str, str]:
+def resolved(*sets: str) -> tuple[str, str, str]:
     """Runs, studies and store of the defaults with settings."""
-    tree = Places.here().settled(config.load([], sets))
+    tree = Paths.from_environment().resolved(config.load([], sets))
     return tree["paths"]["runs"], tree["paths"]["studies"], tree["tracking"]["uri"]
 
 
@@ -39,35 +39,35 @@ def below(home: Path) -> tuple[str, str, str]:
 
 
 def test_everything_lies_below_the_home(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert settled() == below(here)
+    assert resolved() == below(here)
     monkeypatch.setenv(JOB, "{}")
-    assert settled() == below(here / "user" / "freemesh")
+    assert resolved() == below(here / "user" / "freemesh")
     monkeypatch.setenv(HOME, "~/shared")
-    assert settled() == below(here / "user" / "shared")
+    assert resolved() == below(here / "user" / "shared")
     monkeypatch.setenv(HOME, "shared")
-    assert settled() == below(here / "shared")
+    assert resolved() == below(here / "shared")
 
 
 def test_what_is_absolute_stays_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(HOME, "/shared")
     sets = ["paths.runs=/a/runs", "paths.studies=b", "tracking.uri=sqlite:////c/mlflow.db"]
-    assert settled(*sets) == ("/a/runs", "/shared/b", "sqlite:////c/mlflow.db")
+    assert resolved(*sets) == ("/a/runs", "/shared/b", "sqlite:////c/mlflow.db")
 
 
 def test_the_store_is_the_configuration_s_then_the_environment_s(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(STORE, "http://tracking:5000")
-    assert settled()[2] == "http://tracking:5000"
-    assert settled("tracking.uri=https://other")[2] == "https://other"
+    assert resolved()[2] == "http://tracking:5000"
+    assert resolved("tracking.uri=https://other")[2] == "https://other"
     monkeypatch.setenv(STORE, "databricks")
     with pytest.raises(config.ConfigError, match=r"MLFLOW_TRACKING_URI: tracking.uri: must be sqlite:///FILE or http"):
-        settled()
-    assert settled("tracking.uri=https://other")[2] == "https://other"
+        resolved()
+    assert resolved("tracking.uri=https://other")[2] == "https://other"
 
 
 def test_settled_again_elsewhere_it_stays(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    tree = Places.here().settled(config.load())
+    tree = Paths.from_environment().resolved(config.load())
     monkeypatch.setenv(HOME, "/elsewhere")
-    assert Places.here().settled(tree) == tree
+    assert Paths.from_environment().resolved(tree) == tree
     (here / "config.yaml").write_text(config.dump(tree))
     assert config.load([here / "config.yaml"]) == tree
 

@@ -14,7 +14,7 @@ from manifests import KUBERNETES, README, ROOT, SERVICES, containers, is_secret
 
 from freemesh_ray import config
 from freemesh_ray.cli import command as cli
-from freemesh_ray.config.paths import Places
+from freemesh_ray.config.paths import Paths
 from freemesh_ray.studies import definition as studies
 
 COMMANDS = manifests.command_lines()
@@ -77,9 +77,9 @@ def check_job(words: Sequence[str], told: Mapping[str, str]) -> None:
         assert options.command == "train"
         settings = config.load(options.config, options.set)
     assert options.resume
-    settled = Places.here().settled(settings)
-    assert settled["paths"] == {name: f"{told['FREEMESH_HOME']}/{name}" for name in ("runs", "studies")}
-    assert settled["tracking"]["uri"] == told["MLFLOW_TRACKING_URI"]
+    resolved = Paths.from_environment().resolved(settings)
+    assert resolved["paths"] == {name: f"{told['FREEMESH_HOME']}/{name}" for name in ("runs", "studies")}
+    assert resolved["tracking"]["uri"] == told["MLFLOW_TRACKING_URI"]
 
 
 def test_every_command_line_is_one_of_these() -> None:

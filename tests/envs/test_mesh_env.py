@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -13,9 +14,11 @@ from play import generic
 from envs.domains.load import load
 from envs.mdp.action import ACTION_TYPES, REJECTIONS
 from envs.mdp.front import element_cap
+from envs.mdp.transition import numbers
 from envs.mesh import Mesh
 from envs.mesh_env import MeshEnv, Task
-from envs.types import Domain, DomainError, MeshingParameters
+from envs.types import DENSITIES, Domain, DomainError, MeshingParameters
+from envs.vector_env import MeshVectorEnv
 
 STEP_KEYS = {"eta_e", "eta_b", "mu", "nu", "rejection", "action_type"}
 END_KEYS = {"mesh", "completed", "elements", "mean_eta", "domain", "task"}
@@ -257,6 +260,20 @@ def test_a_step_after_the_end_is_refused() -> None:
         env.step(np.zeros(3))
     env.reset()
     env.step(np.zeros(3))
+
+
+def test_options_are_what_differs_from_the_parameters_given() -> None:
+    base = MeshingParameters(n=3, beta=5.0, type2=True)
+    assert MeshEnv(parameters=base).parameters == base
+    assert MeshVectorEnv(2, parameters=base, n=1).parameters == replace(base, n=1)
+    assert MeshEnv(parameters=base, observation="O1").parameters == replace(base, n=2, g=3, beta=4.0)
+
+
+def test_compiled_code_gets_the_numbers_in_its_types() -> None:
+    given = MeshingParameters(n=np.float32(3), beta=7, extended=np.True_, density="local")  # type: ignore[arg-type]
+    compiled = numbers(given)
+    assert (compiled.n, compiled.beta, compiled.extended, DENSITIES[compiled.density]) == (3, 7.0, True, "local")
+    assert [type(value) for value in compiled] == [type(value) for value in numbers(MeshingParameters())]
 
 
 def test_a_number_beside_a_name_has_its_way() -> None:

@@ -11,7 +11,15 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from envs.kernels.geometry import TWO_PI, angle, distance2_to_segment, ray_hit, segments_touch, signed_angle
+from envs.kernels.geometry import (
+    TWO_PI,
+    angle,
+    distance2_to_segment,
+    ray_hit,
+    segments_touch,
+    signed_angle,
+    signed_angles,
+)
 
 Segment = tuple[float, float, float, float]
 
@@ -45,6 +53,16 @@ def test_angle_is_the_difference_of_directions(u: tuple[float, float], v: tuple[
     assert around(turn - (math.atan2(v[1], v[0]) - math.atan2(u[1], u[0]))) < 1e-9
     assert around(turn - signed_angle(*u, *v)) < 1e-12
     assert abs(signed_angle(*u, *v)) <= math.pi
+
+
+@given(st.lists(st.tuples(vector, vector), min_size=1, max_size=5))
+def test_signed_angles_are_signed_angle_of_each_pair(
+    pairs: list[tuple[tuple[float, float], tuple[float, float]]],
+) -> None:
+    u, v = np.moveaxis(np.array(pairs), 1, 0)
+    expected = [signed_angle(*a, *b) for a, b in pairs]
+    np.testing.assert_array_max_ulp(signed_angles(u, v), np.array(expected), maxulp=2)
+    np.testing.assert_array_equal(signed_angles(u[:, None], v[None])[range(len(u)), range(len(u))], signed_angles(u, v))
 
 
 @given(vector, vector, st.floats(-7.0, 7.0), st.floats(1e-6, 1e6))
