@@ -18,7 +18,7 @@ from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV
 from envs.types import MeshingParameters
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
-from freemesh_ray.policies.evaluation import KINDS, evaluation_episodes, summary
+from freemesh_ray.policies.evaluation import MODES, evaluate
 from freemesh_ray.policies.policy import Policy
 
 #: Seconds between two looks whether an env runner that died is back: each look holds up the training.
@@ -219,13 +219,13 @@ class MeshAlgorithm(Algorithm):
             )
 
     def evaluate(self, parallel_train_future: Any = None) -> dict[str, Any]:
-        """The paper's evaluation: ``evaluation_duration`` episodes of each kind on every domain, and one on
+        """The paper's evaluation: ``evaluation_duration`` episodes of each mode on every domain, and one on
         each of ``HELD_OUT_DOMAINS`` unseen ones where a supply draws them without end.
 
         In this process: the episodes of a domain run side by side in compiled code, faster than they could be sent.
 
         Returns:
-            ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluate.summary.
+            ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluation.FIGURES.
         """
         options = dict(self.config.env_config)
         domains = options.pop("domain")
@@ -233,11 +233,8 @@ class MeshAlgorithm(Algorithm):
         policy = Policy(layers, MeshingParameters(**options))
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
 
-        def figures(domain: Any, kind: str) -> dict[str, float]:
-            stochastic = kind == "stochastic"
-            return summary(evaluation_episodes(policy, domain, episodes, stochastic=stochastic, seed=seed))
-
-        return {kind: {domain.name: figures(domain, kind) for domain in domains} for kind in KINDS}
+        by_domain = {domain.name: evaluate(policy, domain, episodes, seed) for domain in domains}
+        return {mode: {name: figures[mode] for name, figures in by_domain.items()} for mode in MODES}
 
     def actor_weights(self) -> list[tuple[Any, Any]]:
         """(weight (inputs, outputs), bias (outputs,)) of each layer of the actor as ``Policy`` takes it, float32."""
