@@ -49,8 +49,8 @@ class Server:
         self._command, self._environment = [sys.executable, *arguments], environment
         self._process: subprocess.Popen[bytes] | None = None
 
-    def start(self, seconds: float = 120) -> None:
-        """Start it and wait until it answers."""
+    def start(self, seconds: float = 300) -> None:
+        """Start it and wait until it answers; on a busy machine its kernels may have to be compiled first."""
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # MLflow starts uvicorn by its name
         variables = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)} | self._environment
         with self.log.open("ab") as log:
