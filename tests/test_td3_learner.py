@@ -103,6 +103,20 @@ def test_actor_and_targets_wait_for_the_critics() -> None:
         start = copy.deepcopy(now)
 
 
+def test_between_two_steps_of_the_actor_the_loss_of_its_last_one_is_told() -> None:
+    """Of a figure that was told once, RLlib tells a nan where there is no new one, and a nan ends the training."""
+    built = learner(TD3Config().training(policy_delay=4))
+    losses = [update(built, batch(1, seed=step)).get("actor_loss") for step in range(1, 9)]
+    assert losses[:3] == [None] * 3
+    told = [float(loss) for loss in losses[3:]]
+    assert np.isfinite(told).all()
+    assert told == [told[0]] * 4 + [told[4]]
+    assert told[4] != told[0]
+    restored = learner(TD3Config().training(policy_delay=4), seed=1)
+    restored.set_state(built.get_state())
+    assert float(update(restored, batch(1))["actor_loss"]) == told[-1]
+
+
 def test_exploration_is_clipped_gaussian_noise_on_the_action() -> None:
     td3 = module(learner(TD3Config().training(exploration_noise=0.3)))
     obs, noise = torch.randn(50, OBS), torch.randn(50, ACT) * 3

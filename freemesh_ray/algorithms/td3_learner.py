@@ -21,6 +21,8 @@ class TD3Learner(OffPolicyLearner):
         """Build module and optimizers; no step is taken yet."""
         super().build()
         self._steps = 0
+        #: The loss of the actor's last step, told until its next one; nothing before its first.
+        self._actor_figures: dict[str, torch.Tensor] = {}
 
     def optimised(self, module: TD3Module, config: Any) -> dict[str, tuple[list[torch.Tensor], float]]:
         """Critics and actor."""
@@ -34,13 +36,16 @@ class TD3Learner(OffPolicyLearner):
         return int(config.target_noise > 0)
 
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
-        """The learner's state with its count of steps, which the delay depends on."""
-        return super().get_state(*args, **kwargs) | {"steps": self._steps}
+        """The learner's state with its count of steps, which the delay depends on, and what is told meanwhile."""
+        told = {name: float(figure) for name, figure in self._actor_figures.items()}
+        return super().get_state(*args, **kwargs) | {"steps": self._steps, "actor_figures": told}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Take over a state."""
         super().set_state(state)
         self._steps = state.get("steps", self._steps)
+        told = state.get("actor_figures", {})
+        self._actor_figures = {name: torch.tensor(figure, device=self._device) for name, figure in told.items()}
 
     def _step(
         self,
@@ -72,7 +77,7 @@ class TD3Learner(OffPolicyLearner):
 
         self._steps += 1
         if self._steps % config.policy_delay:
-            return figures
+            return figures | self._actor_figures
 
         # The deterministic policy gradient: -Q of the first critic, just updated
         actor_parameters: list[torch.Tensor] = list(module.actor.parameters())
@@ -87,4 +92,5 @@ class TD3Learner(OffPolicyLearner):
 
         targets: list[torch.Tensor] = [*module.target_critic.parameters(), *module.target_actor.parameters()]
         torch._foreach_lerp_(targets, critic_parameters + actor_parameters, config.tau)
-        return figures | {"actor_loss": -q_trace[-1][0].mean()}
+        self._actor_figures = {"actor_loss": -q_trace[-1][0].mean()}
+        return figures | self._actor_figures
