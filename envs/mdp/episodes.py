@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,7 @@ class Episodes:
         template = fr.template(domain, self.parameters, self._slots)
         for target, array in zip(self._templates, template, strict=True):
             target[row, : len(array)] = array
+            target[row, len(array) :] = 0  # nothing stays of a larger domain before it
         self._caps[row] = min(fr.element_cap(domain, self.parameters), self._most_elements)
 
     def __len__(self) -> int:
@@ -165,8 +167,16 @@ class Episodes:
         return int(self._fronts.counts[i, fr.STEPS])
 
     def get_state(self) -> dict[str, Any]:
-        """Everything that the next step depends on, to be given back to ``set_state``."""
-        return {"arrays": {name: array.copy() for name, array in self._arrays().items()}, "drawn": list(self._drawn)}
+        """Everything that the next step depends on, to be given back to ``set_state``.
+
+        Returns:
+            ``arrays``: the working memory by name; ``drawn``: for each episode the fields of the domain that it drew
+            last, None where it drew none. Nothing but arrays and plain values, in dicts and lists.
+        """
+        return {
+            "arrays": {name: array.copy() for name, array in self._arrays().items()},
+            "drawn": [None if domain is None else asdict(domain) for domain in self._drawn],
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Go on where ``get_state`` was taken, with the same domains, parameters and batch.
@@ -179,7 +189,7 @@ class Episodes:
             raise ValueError("the state is of episodes with other domains, parameters or batch size")
         for name, array in arrays.items():
             array[:] = given[name]
-        self._drawn = list(state["drawn"])
+        self._drawn = [None if fields is None else Domain(**fields) for fields in state["drawn"]]
         for i, domain in enumerate(self._drawn):
             if domain is not None:
                 self._prepare(len(self.domains) + i, domain)

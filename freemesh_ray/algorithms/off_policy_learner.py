@@ -111,6 +111,8 @@ class OffPolicyLearner(ConfiguredLearner):
         # Every learner draws the noise of the whole minibatch and takes that of its rows. On the CPU whatever the
         # learner's device: so a state can be taken over by a learner of another device, and by another number of them.
         self._noise = torch.Generator().manual_seed(self.config.seed or 0)
+        #: Every figure as it was last told: of one that is told once, RLlib tells a nan where there is no new one.
+        self._told: dict[str, float] = {}
 
     def _make_modules_ddp_if_necessary(self) -> None:
         # Not RLlib's wrapper, which averages the gradients of automatic differentiation: see _descend.
@@ -122,8 +124,9 @@ class OffPolicyLearner(ConfiguredLearner):
         raise TypeError(f"{type(self).__name__} updates in _update; it has no single loss")
 
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
-        """The learner's state with the random state of its noise and its count of steps, for what is done in turns."""
-        return super().get_state(*args, **kwargs) | {"noise": self._noise.get_state().numpy(), "steps": self._steps}
+        """The learner's state with the random state of its noise, its count of steps and the figures last told."""
+        own = {"noise": self._noise.get_state().numpy(), "steps": self._steps, "told": dict(self._told)}
+        return super().get_state(*args, **kwargs) | own
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Take over a state."""
@@ -131,6 +134,7 @@ class OffPolicyLearner(ConfiguredLearner):
         if "noise" in state:
             self._noise.set_state(torch.from_numpy(state["noise"]))
         self._steps = state.get("steps", self._steps)
+        self._told = dict(state.get("told", self._told))
 
     @torch.no_grad()
     def _update(self, batch: dict[str, Any], **kwargs: Any) -> tuple[Any, dict[str, Any], Any]:
@@ -149,7 +153,7 @@ class OffPolicyLearner(ConfiguredLearner):
                 figures |= self._step(module_id, config, minibatch)
             # Those of the last minibatch: reducing every one's would cost as much as an optimizer.
             means = torch.stack([figure.mean() for figure in figures.values()]).tolist()
-            values = dict(zip(figures, means, strict=True))
+            values = self._told = self._told | dict(zip(figures, means, strict=True))
             self.metrics.log_dict(values, key=module_id, window=1)
             losses[module_id] = torch.tensor(sum(values[name] for name in values if name.endswith("_loss")))
         return {}, losses, {}

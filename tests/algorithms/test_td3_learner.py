@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from learners import ACT, OBS, batch, learner, module, update
@@ -43,3 +44,17 @@ def test_exploration_is_clipped_gaussian_noise_on_the_action() -> None:
 def test_settings_out_of_range_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         TD3Config().environment("Pendulum-v1").training(**settings).validate()
+
+
+def test_between_two_steps_of_the_actor_the_loss_of_its_last_one_is_told() -> None:
+    """Of a figure that was told once, RLlib tells a nan where there is no new one, and a nan ends the training."""
+    built = learner(TD3Config().training(policy_delay=4))
+    losses = [update(built, batch(1, seed=step)).get("actor_loss") for step in range(1, 9)]
+    assert losses[:3] == [None] * 3
+    told = [float(loss) for loss in losses[3:]]
+    assert np.isfinite(told).all()
+    assert told == [told[0]] * 4 + [told[4]]
+    assert told[4] != told[0]
+    restored = learner(TD3Config().training(policy_delay=4), seed=1)
+    restored.set_state(built.get_state())
+    assert float(update(restored, batch(1))["actor_loss"]) == told[-1]
