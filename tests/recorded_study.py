@@ -59,7 +59,8 @@ def write_run(folder: Path, evaluations: Sequence[Mapping[str, Any]], made: Poli
 def write_study(folder: Path, about: Mapping[str, Any], trials: Sequence[Mapping[str, Any]]) -> Path:
     """A study's folder with its description and its list of trials."""
     folder.mkdir(parents=True, exist_ok=True)
-    tree = {"study": dict(about), "settings": {"curriculum": {"stages": ["T1"]}}}
+    study = {key: value for key, value in about.items() if value}
+    tree = {"study": study, "settings": {"curriculum": {"stages": ["T1"]}}}
     (folder / "study.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
     (folder / "trials.json").write_text(json.dumps(list(trials)))
     return folder
@@ -96,6 +97,6 @@ def algorithms(
         "title": "Learning efficiency of four algorithms",
         "paper": 'figure "Learning efficiency and performance comparison of various RL algorithms"',
         "finding": FINDING, "expects": list(expects), "variants": {label: dict((sets or {}).get(label, {})) for label in
-        ends}, "seeds": list(seeds), "domains": list(domains),
+        ends}, "seeds": list(seeds), "domains": list(domains), "metric": "eval_deterministic/return",
     }  # fmt: skip
     return write_study(folder, about, trials)

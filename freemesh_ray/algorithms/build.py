@@ -44,13 +44,7 @@ def configured(config: Config) -> MeshConfig:
             gamma=learner["gamma"],
             hidden=learner["hidden"],
             runner_timeout=runners["timeout"],
-            curriculum=Curriculum(
-                stages=tuple(domain.name for domain in domains),
-                promote_at=curriculum["promote_at"],
-                window=curriculum["window"],
-                max_stage_steps=curriculum["max_stage_steps"],
-                rehearsal=curriculum["rehearsal"],
-            ),
+            curriculum=Curriculum(**{**curriculum, "stages": tuple(domain.name for domain in domains)}),
         )
         # When to evaluate is the training loop's to decide: see training.Training.
         .evaluation(evaluation_interval=None, evaluation_duration=config["evaluation"]["episodes"])

@@ -28,10 +28,10 @@ class Curriculum:
     """
 
     stages: tuple[str, ...]
-    promote_at: float = 0.8
-    window: int = 50
-    max_stage_steps: int = 200_000
-    rehearsal: float = 0.3
+    promote_at: float
+    window: int
+    max_stage_steps: int
+    rehearsal: float
     stage: int = 0
     stage_steps: int = 0
     recent: tuple[bool, ...] = ()

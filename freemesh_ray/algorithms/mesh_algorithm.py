@@ -17,7 +17,7 @@ from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV
 
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
-from freemesh_ray.policies.evaluation import KINDS, evaluation_episodes, summary
+from freemesh_ray.policies.evaluation import MODES, evaluate
 from freemesh_ray.policies.policy import Policy
 
 #: Seconds between two looks whether an env runner that died is back: each look holds up the training.
@@ -227,24 +227,21 @@ class MeshAlgorithm(Algorithm):
             )
 
     def evaluate(self, parallel_train_future: Any = None) -> dict[str, Any]:
-        """The paper's evaluation: ``evaluation_duration`` episodes of each kind on every domain, and one on
+        """The paper's evaluation: ``evaluation_duration`` episodes of each mode on every domain, and one on
         each of ``HELD_OUT_DOMAINS`` unseen ones where a supply draws them without end.
 
         In this process: the episodes of a domain run side by side in compiled code, faster than they could be sent.
 
         Returns:
-            ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluate.summary.
+            ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluation.FIGURES.
         """
         domains, parameters = (self.config.env_config[key] for key in ("domain", "parameters"))
         layers = [(np.asarray(weight), np.asarray(bias)) for weight, bias in self.actor_weights()]
         policy = Policy(layers, parameters)
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
 
-        def figures(domain: Any, kind: str) -> dict[str, float]:
-            stochastic = kind == "stochastic"
-            return summary(evaluation_episodes(policy, domain, episodes, stochastic=stochastic, seed=seed))
-
-        return {kind: {domain.name: figures(domain, kind) for domain in domains} for kind in KINDS}
+        by_domain = {domain.name: evaluate(policy, domain, episodes, seed) for domain in domains}
+        return {mode: {name: figures[mode] for name, figures in by_domain.items()} for mode in MODES}
 
     def actor_weights(self) -> list[tuple[Any, Any]]:
         """(weight (inputs, outputs), bias (outputs,)) of each layer of the actor as ``Policy`` takes it, float32."""

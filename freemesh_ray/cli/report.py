@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     """Write the report, with a line on stderr for each policy, and print the files that were written.
 
     Raises:
-        ResultsError, OutputError: what is wrong with the input.
+        StudyError, ConfigError, OutputError: what is wrong with the input.
     """
     from freemesh_ray.report.report import write
 

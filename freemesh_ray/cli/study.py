@@ -14,8 +14,8 @@ from freemesh_ray.formatting.table import table
 
 if TYPE_CHECKING:
     from freemesh_ray.studies.definition import Study
-    from freemesh_ray.studies.runner import Studied
-    from freemesh_ray.studies.study_folder import Entry
+    from freemesh_ray.studies.runner import StudyResult
+    from freemesh_ray.studies.study_folder import TrialRecord
 
 EPILOG = """\
 examples:
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the study that is named, or list what there is.
 
     Raises:
-        ConfigError, RunError, DomainError: what is wrong with the input.
+        ConfigError, StudyError, DomainError: what is wrong with the input.
     """
     from freemesh_ray.studies.definition import load, shipped
 
@@ -79,11 +79,11 @@ def run(options: argparse.Namespace) -> int:
 
         print(_opening(study), flush=True)
         try:
-            studied = run_study(study, resume=options.resume, make=build, report=report)
+            result = run_study(study, resume=options.resume, make=build, report=report)
         except KeyboardInterrupt:
             print(f"`freemesh study {options.study} --resume` goes on from the last checkpoints", file=sys.stderr)
             raise
-    print(_closing(studied, study))
+    print(_closing(result, study))
     return 0
 
 
@@ -110,12 +110,12 @@ def _row(study: Study) -> list[str]:
 
 def _opening(study: Study) -> str:
     """What is about to happen."""
-    from freemesh_ray.studies.runner import parallel, plan_of
+    from freemesh_ray.studies.runner import parallel, planned
 
-    folder, _, entries = plan_of(study)
+    folder, _, records = planned(study)
     settings = study.settings_of_all()
-    found = sum(entry.status == "finished" for entry in entries)
-    count = study.search.trials if study.search else len(entries)
+    found = sum(record.status == "finished" for record in records)
+    count = study.search.trials if study.search else len(records)
     steps = settings["budget"]["env_steps"]
     known = f", {found} of them trained before" if found else ""
     return (
@@ -126,9 +126,9 @@ def _opening(study: Study) -> str:
 def _trials(study: Study) -> str:
     """The trials, one a line, with what they differ in."""
     from freemesh_ray.config import dump, values
-    from freemesh_ray.studies.runner import plan_of
+    from freemesh_ray.studies.runner import planned
 
-    folder, _, entries = plan_of(study)
+    folder, _, records = planned(study)
     common = dump(study.tree()["settings"]).rstrip() if study.tree()["settings"] else "the defaults"
     lines = [study.title, f"folder: {folder.path}", "all trials:", *(f"  {line}" for line in common.splitlines()), ""]
     if study.search:
@@ -136,27 +136,27 @@ def _trials(study: Study) -> str:
         lines.append(
             f"{search.trials} trials, {search.searcher}, {search.scheduler}, seed {study.seeds[0]}; drawn from"
         )
-        lines += [f"  {key}: {space.kind} {list(space.values)}" for key, space in search.space.items()]
+        lines += [f"  {key}: {space.distribution} {list(space.values)}" for key, space in search.space.items()]
         return "\n".join(lines)
     rows = []
-    for entry in entries:
-        differs = ", ".join(f"{key}={value}" for key, value in values(study.variants[entry.label]).items())
-        rows.append([f"{entry.label}-{entry.seed}", Path(entry.run).name, entry.status, differs or "-"])
+    for record in records:
+        differs = ", ".join(f"{key}={value}" for key, value in values(study.variants[record.label]).items())
+        rows.append([record.name, Path(record.run).name, record.status, differs or "-"])
     return "\n".join([*lines, table(["trial", "run", "status", "settings"], rows, left=(0, 1, 2, 3))])
 
 
-def _closing(studied: Studied, study: Study) -> str:
+def _closing(result: StudyResult, study: Study) -> str:
     """What came of it."""
-    by_status: dict[str, list[Entry]] = {}
-    for entry in studied.entries:
-        by_status.setdefault(entry.status, []).append(entry)
+    by_status: dict[str, list[TrialRecord]] = {}
+    for record in result.records:
+        by_status.setdefault(record.status, []).append(record)
     lines = [", ".join(f"{len(group)} {status}" for status, group in by_status.items())]
-    lines += [f"failed: {entry.label}-{entry.seed}: {entry.error}" for entry in by_status.get("failed", [])]
-    if studied.best is not None:
-        best = studied.best
-        lines.append(f"best    {best.label}, seed {best.seed}: {study.metric} {studied.score:.3f}")
-        lines.append(f"policy  {normpath(studied.folder.path / best.run / 'policy.npz')}")
-    lines.append(f"report  {studied.folder.report / 'report.md'}")
+    lines += [f"failed: {record.name}: {record.error}" for record in by_status.get("failed", [])]
+    if result.best is not None:
+        best = result.best
+        lines.append(f"best    {best.label}, seed {best.seed}: {study.metric} {result.score:.3f}")
+        lines.append(f"policy  {normpath(result.folder.run_of(best).policy)}")
+    lines.append(f"report  {result.folder.report / 'report.md'}")
     tracking = study.settings_of_all()["tracking"]
     if tracking["enabled"]:
         uri = shown(tracking["uri"])

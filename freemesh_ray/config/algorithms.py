@@ -21,6 +21,14 @@ class Setting(NamedTuple):
     accepts: Field
 
 
+#: Of the learners with a replay buffer.
+ACTOR_CRITIC_FIGURES = {
+    "critic_loss": ("reward²", "squared error of the critics"),
+    "actor_loss": ("reward", "loss of the policy"),
+    "q_mean": ("reward", "mean value of the critics"),
+}
+
+
 @dataclass(frozen=True)
 class Algorithm:
     """What the platform knows of an algorithm before it runs.
@@ -30,14 +38,14 @@ class Algorithm:
         settings: those of its section, by name; ``defaults.yaml`` holds the same, with their meaning.
         batch: key of how many transitions one update takes: every learner has an equal share of them.
         experience: key of how many transitions those are drawn from: at least as many.
-        figures: of what its learner reports, those that are tracked as ``learner/*``, where it reports them.
+        figures: name -> unit, meaning of what its learner reports and is tracked as ``learner/NAME``.
     """
 
     config: str
     settings: Mapping[str, Setting] = field(default_factory=dict)
     batch: str = "learner.batch_size"
     experience: str = "learner.buffer_size"
-    figures: tuple[str, ...] = ("critic_loss", "actor_loss", "q_mean")
+    figures: Mapping[str, tuple[str, str]] = field(default_factory=lambda: ACTOR_CRITIC_FIGURES)
 
 
 _EXPLORATION_NOISE = Setting(0.1, Field(float, 0, 1))
@@ -49,7 +57,12 @@ ALGORITHMS: dict[str, Algorithm] = {
             "target_entropy": Setting("auto", Field(float, -1000, 1000, words=("auto",))),
             "initial_alpha": Setting(0.1, Field(float, TINY, 1000)),
         },
-        figures=("critic_loss", "actor_loss", "alpha_loss", "alpha", "q_mean", "log_pi_mean"),
+        figures=ACTOR_CRITIC_FIGURES
+        | {
+            "alpha_loss": ("nats", "loss of the temperature"),
+            "alpha": ("reward/nat", "temperature"),
+            "log_pi_mean": ("nats", "mean log-probability of the actions drawn"),
+        },
     ),
     "td3": Algorithm(
         "freemesh_ray.algorithms.td3:TD3Config",
@@ -75,7 +88,12 @@ ALGORITHMS: dict[str, Algorithm] = {
         },
         batch="ppo.minibatch_size",
         experience="ppo.rollout_steps",
-        figures=("policy_loss", "vf_loss", "vf_explained_var", "entropy"),
+        figures={
+            "policy_loss": ("1", "clipped loss of the policy"),
+            "vf_loss": ("reward²", "squared error of the value function"),
+            "vf_explained_var": ("share", "variance of the returns that the value function explains"),
+            "entropy": ("nats", "entropy of the policy"),
+        },
     ),
 }
 

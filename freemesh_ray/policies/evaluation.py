@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,11 +41,60 @@ class Evaluated:
         """Actions that were rejected: all but one an element, and the last action of a mesh cuts two."""
         return self.steps - len(self.mesh.quads) + int(self.completed)
 
+    @property
+    def score(self) -> float:
+        """In [0, 1]: the mean element quality of a completed mesh, 0 where it was not completed.
 
-#: Ways of acting that are evaluated: the squashed mean, and draws.
-KINDS = ("deterministic", "stochastic")
-#: What `summary` tells.
-FIGURES = ("return", "completion_rate", "elements", "element_quality", "score", "invalid")
+        Unlike the return it does not depend on how the reward is weighted.
+        """
+        return self.mean_eta if self.completed else 0.0
+
+
+class Figure(NamedTuple):
+    """What an evaluation tells, a mean over its episodes.
+
+    Attributes:
+        unit, meaning: as the documents have them.
+        of: from an episode to its part of the mean.
+    """
+
+    unit: str
+    meaning: str
+    of: Callable[[Evaluated], float]
+
+
+#: The figures of an evaluation, in the order in which they are written down.
+FIGURES: dict[str, Figure] = {
+    "return": Figure("reward", "undiscounted sum of the rewards of an episode", lambda one: one.episode_return),
+    "completion_rate": Figure("share", "meshes that were completed", lambda one: one.completed),
+    "elements": Figure("count", "elements cut", lambda one: len(one.mesh.quads)),
+    "element_quality": Figure("0 to 1", "mean eta of the elements cut", lambda one: one.mean_eta),
+    "score": Figure("0 to 1", "mean eta of a completed mesh, 0 of one that was not completed", lambda one: one.score),
+    "invalid": Figure("count", "actions rejected", lambda one: one.invalid),
+}
+#: Ways of acting that are evaluated: the squashed mean, drawn from only after a rejection; and every action drawn.
+MODES = DETERMINISTIC, STOCHASTIC = ("deterministic", "stochastic")
+
+
+def metric(mode: str, figure: str, domain: str | None = None) -> str:
+    """The name under which a figure is recorded: of a domain, or of the mean over all stages."""
+    return f"eval_{mode}/{figure}" if domain is None else f"eval_{mode}/{domain}/{figure}"
+
+
+#: Every metric that an evaluation has whatever its domains.
+METRICS = tuple(metric(mode, figure) for mode in MODES for figure in FIGURES)
+RETURN, STOCHASTIC_RETURN = (metric(mode, "return") for mode in MODES)
+COMPLETION, ELEMENTS, QUALITY, SCORE = (
+    metric(DETERMINISTIC, figure) for figure in ("completion_rate", "elements", "element_quality", "score")
+)
+
+
+def mode_and_figure(name: str) -> tuple[str, str]:
+    """The two parts of one of `METRICS`."""
+    mode, _, figure = name.removeprefix("eval_").partition("/")
+    return mode, figure
+
+
 #: Domains that an endless supply is evaluated on.
 HELD_OUT_DOMAINS = 40
 
@@ -90,17 +141,14 @@ def evaluation_episodes(
     ]
 
 
-def summary(results: list[Evaluated]) -> dict[str, float]:
-    """Means over episodes: return, completion rate, elements, element quality, score, invalid actions.
+def summary(results: Sequence[Evaluated]) -> dict[str, float]:
+    """Each of `FIGURES`: its mean over episodes."""
+    return {name: float(np.mean([figure.of(one) for one in results])) for name, figure in FIGURES.items()}
 
-    The score is the element quality of a completed mesh, and 0 where the mesh was not completed: a figure in [0, 1]
-    that does not depend on how the reward is weighted.
-    """
+
+def evaluate(policy: Policy, entry: Domain | RandomDomains, episodes: int, seed: int) -> dict[str, dict[str, float]]:
+    """Mode -> `summary` of `evaluation_episodes` of that mode."""
     return {
-        "return": float(np.mean([result.episode_return for result in results])),
-        "completion_rate": float(np.mean([result.completed for result in results])),
-        "elements": float(np.mean([len(result.mesh.quads) for result in results])),
-        "element_quality": float(np.mean([result.mean_eta for result in results])),
-        "score": float(np.mean([result.mean_eta * result.completed for result in results])),
-        "invalid": float(np.mean([result.invalid for result in results])),
+        mode: summary(evaluation_episodes(policy, entry, episodes, stochastic=mode == STOCHASTIC, seed=seed))
+        for mode in MODES
     }

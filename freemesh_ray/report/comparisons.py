@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from freemesh_ray.report.learning import Learning, centre
-from freemesh_ray.report.results import Expectation
+from freemesh_ray.policies.evaluation import DETERMINISTIC
 from freemesh_ray.report.transfer import Transfer
+from freemesh_ray.report.variants import VariantResult, iqm_interval
 from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.statistics.improvement import Verdict, chance, improvement_interval, verdict
 
@@ -38,53 +38,56 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Outcome:
-    """An expectation and what the runs say.
+    """What was expected of two variants, and what the runs say.
 
     Attributes:
-        expectation: of the paper.
+        better, worse: their labels, as expected.
         comparison: None where one of the two has no evaluation yet.
         verdict: undecided without a comparison.
     """
 
-    expectation: Expectation
+    better: str
+    worse: str
     comparison: Comparison | None
     verdict: Verdict
 
 
-def compared(variants: Sequence[Learning], transfer: Transfer) -> list[Comparison]:
+def all_pairs(variants: Sequence[VariantResult], transfer: Transfer) -> list[Comparison]:
     """All pairs of variants with evaluations, the one with the higher final metric first."""
-    known = [variant for variant in variants if variant.judged.size]
-    ranked = sorted(known, key=lambda variant: -float(centre(variant.judged).value))
+    known = [variant for variant in variants if variant.final_metric.size]
+    ranked = sorted(known, key=lambda variant: -float(iqm_interval(variant.final_metric).value))
     return [compare(x, y, transfer) for x, y in combinations(ranked, 2)]
 
 
-def telling(comparisons: Sequence[Comparison]) -> list[Comparison]:
+def pairs_to_show(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """What to show of all pairs: those of more than one run; where they are many, those of the best variant."""
     found = [each for each in comparisons if max(each.runs) > 1]
     return found if len(found) <= MANY else [each for each in found if each.x == comparisons[0].x]
 
 
-def compare(x: Learning, y: Learning, transfer: Transfer) -> Comparison:
+def compare(x: VariantResult, y: VariantResult, transfer: Transfer) -> Comparison:
     """Two variants that have evaluations."""
-    a, b = x.judged, y.judged
-    scores = [transfer.of(variant.label, "score", "deterministic") for variant in (x, y)]
+    a, b = x.final_metric, y.final_metric
+    scores = [transfer.of(variant.label, "score", DETERMINISTIC) for variant in (x, y)]
     by_score = improvement_interval(*scores) if all(each.size for each in scores) else None
     by_final = improvement_interval(a[:, None], b[:, None])
     by_chance = chance(a, b) if by_final.value >= 0.5 else chance(b, a)
     return Comparison(x.label, y.label, (len(a), len(b)), by_final, by_chance, by_score)
 
 
-def outcomes(expects: Sequence[Expectation], variants: Sequence[Learning], transfer: Transfer) -> list[Outcome]:
-    """What the runs say on each expectation, by the final value of the metric."""
-    by_label: Mapping[str, Learning] = {variant.label: variant for variant in variants}
+def outcomes(
+    expects: Sequence[tuple[str, str]], variants: Sequence[VariantResult], transfer: Transfer
+) -> list[Outcome]:
+    """What the runs say on each pair (better, worse) that is expected, by the final value of the metric."""
+    by_label: Mapping[str, VariantResult] = {variant.label: variant for variant in variants}
     found = []
-    for expectation in expects:
-        x, y = by_label[expectation.better], by_label[expectation.worse]
-        if not x.judged.size or not y.judged.size:
-            found.append(Outcome(expectation, None, Verdict.UNDECIDED))
+    for better, worse in expects:
+        x, y = by_label[better], by_label[worse]
+        if not x.final_metric.size or not y.final_metric.size:
+            found.append(Outcome(better, worse, None, Verdict.UNDECIDED))
             continue
         # Looking again and again while runs come in would find an order by chance sooner or later.
         early = any(variant.under_way or variant.provisional for variant in (x, y))
-        said = Verdict.UNDECIDED if early else verdict(x.judged, y.judged)
-        found.append(Outcome(expectation, compare(x, y, transfer), said))
+        said = Verdict.UNDECIDED if early else verdict(x.final_metric, y.final_metric)
+        found.append(Outcome(better, worse, compare(x, y, transfer), said))
     return found

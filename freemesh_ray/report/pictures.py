@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from envs.types import Floats
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements
 from freemesh_ray.plots.page import SUFFIXES, save
+from freemesh_ray.policies.evaluation import COMPLETION, RETURN
 from freemesh_ray.report.comparisons import Comparison
-from freemesh_ray.report.learning import COMPLETION, Learning
-from freemesh_ray.report.results import RETURN
+from freemesh_ray.report.variants import VariantResult
 from freemesh_ray.statistics.bootstrap import Interval
 
 #: Scores at which profiles are taken.
@@ -24,7 +24,7 @@ BANDS = "line: interquartile mean over seeds; band: 95 % bootstrap interval"
 ONE_SEED = "one seed each: no band"
 
 
-def both(folder: Path, name: str, draw: Callable[[Path], Figure]) -> Path:
+def in_every_format(folder: Path, name: str, draw: Callable[[Path], Figure]) -> Path:
     """Draw once, write every format; the PNG's path."""
     first, *others = (folder / f"{name}{suffix}" for suffix in SUFFIXES)
     figure = draw(first)
@@ -33,11 +33,11 @@ def both(folder: Path, name: str, draw: Callable[[Path], Figure]) -> Path:
     return first
 
 
-def curves(folder: Path, variants: Sequence[Learning], title: str) -> Path:
+def curves(folder: Path, variants: Sequence[VariantResult], title: str) -> Path:
     """Return and completion rate against env steps."""
     returns, completion = (
-        {variant.label: (variant.bands[figure].steps, variant.bands[figure].centre) for variant in variants}
-        for figure in (RETURN, COMPLETION)
+        {variant.label: (variant.bands[metric].steps, variant.bands[metric].iqm) for variant in variants}
+        for metric in (RETURN, COMPLETION)
     )
     steps = "environment steps"
     low, below = bottom(list(returns.values()))
@@ -47,7 +47,7 @@ def curves(folder: Path, variants: Sequence[Learning], title: str) -> Path:
     ]
     several = any(len(variant.used) > 1 for variant in variants)
     note = f"{BANDS if several else ONE_SEED}; deterministic evaluation episodes{below}"
-    return both(folder, "curves", lambda path: draw_bands(panels, path, title, note))
+    return in_every_format(folder, "curves", lambda path: draw_bands(panels, path, title, note))
 
 
 def bottom(bands: Sequence[tuple[Floats, Interval]]) -> tuple[float | None, str]:
@@ -75,7 +75,7 @@ def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
         stepped=True,
     )  # fmt: skip
     note = "band: 95 % bootstrap interval"
-    return both(folder, "profile", lambda path: draw_bands([panel], path, "Performance profile", note))
+    return in_every_format(folder, "profile", lambda path: draw_bands([panel], path, "Performance profile", note))
 
 
 def improvement(folder: Path, comparisons: Sequence[Comparison], by: str) -> Path:
@@ -86,4 +86,6 @@ def improvement(folder: Path, comparisons: Sequence[Comparison], by: str) -> Pat
         if found.by_score is not None:
             intervals["by score on the domains"] = found.by_score
         pairs.append(Pair(found.x, found.y, intervals))
-    return both(folder, "improvement", lambda path: draw_improvements(pairs, path, "Probability of improvement"))
+    return in_every_format(
+        folder, "improvement", lambda path: draw_improvements(pairs, path, "Probability of improvement")
+    )

@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from freemesh_ray.formatting.figures import final
-from freemesh_ray.report import numbers, pictures, search, sections
-from freemesh_ray.report.comparisons import compared, outcomes, telling
-from freemesh_ray.report.learning import halfway, learnt
-from freemesh_ray.report.paper_table import paper_table
+from freemesh_ray.policies.evaluation import DETERMINISTIC
+from freemesh_ray.report import csv_files, pictures, search, sections
+from freemesh_ray.report.against_paper import paper_table
+from freemesh_ray.report.comparisons import all_pairs, outcomes, pairs_to_show
+from freemesh_ray.report.formats import final
 from freemesh_ray.report.results import Results, read
 from freemesh_ray.report.sections import Picture
 from freemesh_ray.report.transfer import Transfer, transfer
+from freemesh_ray.report.variants import return_threshold, variant_results
 from freemesh_ray.statistics.profile import performance_profile
 from freemesh_ray.storage.atomic import replacing
 
@@ -49,21 +50,21 @@ def write(
         The path of report.md; tables and pictures lie beside it.
 
     Raises:
-        ResultsError: there is no such study, or its results cannot be read.
+        StudyError, ConfigError: there is no such study, or its results cannot be read.
         OutputError: a place cannot be written to.
     """
     results = read(folder)
     out = out or folder / "report"
-    make = searched if results.search else trained
-    writer, drawn = make(results, out, episodes, note)
+    report = report_search if results.study.search else report_variants
+    writer, drawn = report(results, out, episodes, note)
     main, rest = writer(lambda name, what: f"![{what}]({name}.png)")
     path = out / "report.md"
     _write(path, [*main, *rest])
     if docs is not None:
-        main, _ = writer(lambda name, what: f"![{what}]({results.name}-{name}.png)")
-        _write(docs / f"{results.name}.md", main)
+        main, _ = writer(lambda name, what: f"![{what}]({results.study.name}-{name}.png)")
+        _write(docs / f"{results.study.name}.md", main)
         for picture in drawn:
-            with replacing(docs / f"{results.name}-{picture.name}") as draft:
+            with replacing(docs / f"{results.study.name}-{picture.name}") as draft:
                 draft.write_bytes(picture.read_bytes())
     return path
 
@@ -73,53 +74,56 @@ def _write(path: Path, parts: Sequence[str]) -> None:
         draft.write_text("\n\n".join(part for part in parts if part) + "\n", encoding="utf-8")
 
 
-def trained(results: Results, out: Path, episodes: int, note: Callable[[str], None]) -> tuple[Writer, list[Path]]:
+def report_variants(
+    results: Results, out: Path, episodes: int, note: Callable[[str], None]
+) -> tuple[Writer, list[Path]]:
     """A study of variants: its tables and pictures, written to ``out``, and what writes its text."""
-    variants = learnt(results)
-    moved = transfer([trial for each in variants for trial in each.used], results.domains, episodes, note)
-    found, said = compared(variants, moved), outcomes(results.expects, variants, moved)
-    printed = paper_table(variants, moved.policies)
-    numbers.curves(out / "curves.csv", variants)
-    numbers.finals(out / "final.csv", variants, halfway(variants))
-    numbers.domains(out / "domains.csv", moved)
-    numbers.comparisons(out / "comparisons.csv", found)
-    drawn = [pictures.curves(out, variants, results.title)]
-    if moved.figures:
-        drawn.append(profiles(out, results, moved))
-    if shown := telling(found):
-        drawn.append(pictures.improvement(out, shown, final(results.metric)))
+    study, variants = results.study, variant_results(results)
+    evaluated = transfer([trial for each in variants for trial in each.used], study.domains, episodes, note)
+    pairs, said = all_pairs(variants, evaluated), outcomes(study.expects, variants, evaluated)
+    papers = paper_table(variants, evaluated.policies)
+    by = final(study.metric)
+    csv_files.curves(out / "curves.csv", variants)
+    csv_files.finals(out / "final.csv", variants, return_threshold(variants))
+    csv_files.domains(out / "domains.csv", evaluated)
+    csv_files.comparisons(out / "comparisons.csv", pairs)
+    drawn = [pictures.curves(out, variants, study.title)]
+    if evaluated.figures:
+        drawn.append(profiles(out, results, evaluated))
+    if shown := pairs_to_show(pairs):
+        drawn.append(pictures.improvement(out, shown, by))
 
     def text(picture: Picture) -> tuple[list[str], list[str]]:
         main = [
             sections.opening(results),
-            sections.expectations(said, final(results.metric)) if said else "",
+            sections.expectations(said, by, bool(study.paper)) if said else "",
             sections.curves(variants, picture),
-            f"## The paper's table\n\n{printed}" if printed else "",
-            sections.domains(variants, moved, episodes, picture) if results.domains else "",
-            sections.pairs(shown, len(found), final(results.metric), picture) if shown else "",
-            sections.what_was_run(results, moved.policies),
+            f"## The paper's table\n\n{papers}" if papers else "",
+            sections.domains(variants, evaluated, episodes, picture) if study.domains else "",
+            sections.pairs(shown, len(pairs), by, picture) if shown else "",
+            sections.what_was_run(results, evaluated.policies),
         ]
         return main, [sections.trials(results), sections.METHOD]
 
     return text, drawn
 
 
-def profiles(out: Path, results: Results, moved: Transfer) -> Path:
-    """The performance profile of every variant that has a policy, as picture and numbers."""
-    scores = {label: moved.of(label, "score", "deterministic") for label in results.variants}
+def profiles(out: Path, results: Results, evaluated: Transfer) -> Path:
+    """The performance profile of every variant that has a policy, as picture and csv_files."""
+    scores = {label: evaluated.of(label, "score", DETERMINISTIC) for label in results.labels}
     found = {label: performance_profile(each, pictures.THRESHOLDS) for label, each in scores.items() if each.size}
-    numbers.profiles(out / "profile.csv", pictures.THRESHOLDS, found)
+    csv_files.profiles(out / "profile.csv", pictures.THRESHOLDS, found)
     return pictures.profiles(out, found)
 
 
-def searched(results: Results, out: Path, episodes: int, note: Callable[[str], None]) -> tuple[Writer, list[Path]]:
+def report_search(results: Results, out: Path, episodes: int, note: Callable[[str], None]) -> tuple[Writer, list[Path]]:
     """A search: its ranking and picture, written to ``out``, and what writes its text."""
-    found = search.ranked(results)
-    search.table(out / "trials.csv", found, results)
-    drawn = [search.picture(out, found, results)] if search.drawn(found) else []
+    study, ranks = results.study, search.ranking(results)
+    search.write_csv(out / "trials.csv", ranks, study)
+    drawn = [search.picture(out, ranks, study)] if ranks else []
 
     def text(picture: Picture) -> tuple[list[str], list[str]]:
-        main = [sections.opening(results), search.section(found, picture, results), sections.what_was_run(results, {})]
+        main = [sections.opening(results), search.section(ranks, picture, study), sections.what_was_run(results, {})]
         return main, [sections.trials(results)]
 
     return text, drawn

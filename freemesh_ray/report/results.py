@@ -1,17 +1,10 @@
-"""What a study left on disk: its description, its trials and their evaluations.
-
-studies/NAME/study.yaml    the resolved study
-             trials.json   one entry a trial: label, seed, run folder, status
-RUN/evaluations.jsonl      one line an evaluation (freemesh_ray.training.run_folder)
-"""
+"""What a study left on disk: the study, its trials and their evaluations."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,36 +12,38 @@ import numpy as np
 
 from envs.types import Floats
 from freemesh_ray.config import ConfigError, flatten, read_plain
-from freemesh_ray.studies.study_folder import Entry, StudyFolder
-from freemesh_ray.training.run_folder import RunError, RunFolder, evaluated_at
-
-#: The paper's learning curves: mean return of ten evaluation episodes every 10,000 steps.
-RETURN = "eval_deterministic/return"
-
-
-class ResultsError(RunError):
-    """A study whose results cannot be read; one line with the file, what is wrong and the fix."""
+from freemesh_ray.studies.definition import Study
+from freemesh_ray.studies.plan import default_point, point
+from freemesh_ray.studies.study_folder import StudyError, StudyFolder, TrialRecord
 
 
 @dataclass(frozen=True)
-class Trial:
+class TrialResult:
     """One training of the study.
 
     Attributes:
         label: of its variant.
         seed: of the training.
-        run: where its files lie; some or all may be missing yet.
-        status: one of `STATUSES`.
+        run: name of its run folder.
+        policy: file of its best policy, which may be missing yet.
+        status: one of `study_folder.STATUSES`.
         error: why it failed; empty otherwise.
         settings: dotted key -> value that a search gave it; empty without a search.
+        default: whether a search gave it the study's own settings.
+        config: dotted key -> value of its resolved configuration; empty when there is none.
+        evaluations: figures of each, in the order of their steps.
     """
 
     label: str
     seed: int
-    run: RunFolder
+    run: str
+    policy: Path
     status: str
     error: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
+    default: bool = False
+    config: Mapping[str, Any] = field(default_factory=dict)
+    evaluations: Sequence[Mapping[str, Any]] = ()
 
     @property
     def finished(self) -> bool:
@@ -60,23 +55,6 @@ class Trial:
         """Whether it may still add to the results."""
         return self.status in ("running", "pending")
 
-    @cached_property
-    def evaluations(self) -> list[dict[str, Any]]:
-        """One entry an evaluation, in the order of their steps; a damaged line, as a kill leaves it, is left out."""
-        try:
-            lines = self.run.evaluations.read_text(encoding="utf-8", errors="replace").splitlines()
-        except OSError:
-            return []
-        return [json.loads(line) for line in sorted(lines, key=evaluated_at) if math.isfinite(evaluated_at(line))]
-
-    @cached_property
-    def config(self) -> dict[str, Any]:
-        """Dotted key -> value of the run's resolved configuration; empty when there is none."""
-        try:
-            return flatten(read_plain(self.run.config))
-        except (AttributeError, ConfigError):
-            return {}
-
     @property
     def env_steps(self) -> int:
         """Env steps at the last evaluation; 0 before the first."""
@@ -87,10 +65,10 @@ class Trial:
         """Wall clock of the training up to its last evaluation."""
         return number(self.evaluations[-1].get("seconds", 0.0)) if self.evaluations else 0.0
 
-    def curve(self, figure: str) -> tuple[Floats, Floats]:
-        """Env steps and a figure of all evaluations, each (t,); NaN where an evaluation lacks it."""
+    def curve(self, metric: str) -> tuple[Floats, Floats]:
+        """Env steps and a metric of all evaluations, each (t,); NaN where an evaluation lacks it."""
         steps = np.array([row["env_steps"] for row in self.evaluations], dtype=np.float64)
-        return steps, np.array([number(row.get(figure)) for row in self.evaluations], dtype=np.float64)
+        return steps, np.array([number(row.get(metric)) for row in self.evaluations], dtype=np.float64)
 
 
 def number(value: Any) -> float:
@@ -102,141 +80,62 @@ def number(value: Any) -> float:
 
 
 @dataclass(frozen=True)
-class Expectation:
-    """What the paper claims of two variants.
-
-    Attributes:
-        better, worse: their labels.
-    """
-
-    better: str
-    worse: str
-
-    def __str__(self) -> str:
-        return f"{self.better} > {self.worse}"
-
-
-@dataclass(frozen=True)
 class Results:
-    """A study and its trials.
+    """A study and what came of it.
 
     Attributes:
-        folder: of the study; its name is the study's.
-        title: of the figure.
-        paper: where the figure or table stands in the paper; may be empty.
-        finding: what the paper finds; may be empty.
-        expects: comparisons by the metric's final value that the paper's finding amounts to.
-        variants: label -> dotted settings that differ, in the study's order.
-        seeds: of the trials of each variant.
-        domains: what every trained policy is evaluated on.
-        settings: dotted settings common to all trials.
-        metric: the figure of an evaluation that variants, or a search's trials, are judged by.
-        search: whether it is a search: one trial a label, with settings of its own.
+        study: as it was begun.
         trials: all of them, in the study's order.
     """
 
-    folder: Path
-    title: str
-    paper: str
-    finding: str
-    expects: Sequence[Expectation]
-    variants: Mapping[str, Mapping[str, Any]]
-    seeds: Sequence[int]
-    domains: Sequence[str]
-    settings: Mapping[str, Any]
-    metric: str
-    search: bool
-    trials: Sequence[Trial]
+    study: Study
+    trials: Sequence[TrialResult]
 
     @property
-    def name(self) -> str:
-        """The study's name."""
-        return self.folder.resolve().name
+    def labels(self) -> list[str]:
+        """Of the variants, in the study's order; of a search, of its trials."""
+        return list(dict.fromkeys([*self.study.variants, *(trial.label for trial in self.trials)]))
 
     @property
-    def unfinished(self) -> list[Trial]:
+    def unfinished(self) -> list[TrialResult]:
         """Trials that may still add to the results."""
         return [trial for trial in self.trials if trial.under_way]
 
-    def of(self, label: str) -> list[Trial]:
+    def of(self, label: str) -> list[TrialResult]:
         """The trials of a variant."""
         return [trial for trial in self.trials if trial.label == label]
 
 
-def read(folder: Path) -> Results:
-    """The results that lie in ``folder``.
+def read(path: Path) -> Results:
+    """The results that lie in the folder ``path``.
 
     Raises:
-        ResultsError: no such study, none of its trials was begun, or a file that is not what it should be.
+        StudyError: no such study, none of its trials was begun, or the list of its trials is damaged.
+        ConfigError: its definition is damaged.
     """
-    description, tree = folder / "study.yaml", _description(folder)
-    about, settings = tree["study"], tree.get("settings") or {}
-    trials = _trials(folder)
+    folder = StudyFolder(path)
+    study, records = folder.study(), folder.read()
+    if not records:
+        raise StudyError(f"{folder.trials}: no trial yet: begin with `freemesh study {study.name}`")
+    own = default_point(study) if study.search else None
+    return Results(study, [_trial(folder, record, point(record.settings or {}) == own) for record in records])
+
+
+def _trial(folder: StudyFolder, record: TrialRecord, default: bool) -> TrialResult:
+    run = folder.run_of(record)
     try:
-        variants: dict[str, Mapping[str, Any]] = {
-            str(label): flatten(own or {}) for label, own in (about.get("variants") or {}).items()
-        }
-        for trial in trials:
-            variants.setdefault(trial.label, trial.settings)
-        return Results(
-            folder=folder,
-            title=str(about.get("title") or folder.resolve().name),
-            paper=str(about.get("paper") or ""),
-            finding=str(about.get("finding") or ""),
-            expects=[_expectation(str(text), variants, description) for text in about.get("expects") or []],
-            variants=variants,
-            seeds=[int(seed) for seed in about.get("seeds") or []],
-            domains=[str(domain) for domain in about.get("domains") or []],
-            settings=flatten(settings),
-            metric=str(about.get("metric") or RETURN),
-            search=bool(about.get("search")),
-            trials=trials,
-        )
-    except (AttributeError, TypeError, ValueError, OverflowError, RecursionError) as error:
-        if isinstance(error, ResultsError):
-            raise
-        raise ResultsError(f"{description}: is not a study's ({error}): let `freemesh study` write it anew") from error
-
-
-def _description(folder: Path) -> dict[str, Any]:
-    path = folder / "study.yaml"
-    try:
-        with path.open("rb"):
-            pass
-        tree = read_plain(path)
-    except OSError:
-        there = sorted(entry.parent.name for entry in folder.parent.glob("*/study.yaml"))
-        known = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are none"
-        raise ResultsError(
-            f"{folder}: no such study: {known} in {folder.parent}; `freemesh study NAME` begins one"
-        ) from None
-    except ConfigError as error:
-        raise ResultsError(f"{path}: is not valid YAML: let `freemesh study` write it anew") from error
-    if not isinstance(tree, dict) or not isinstance(tree.get("study"), dict):
-        raise ResultsError(f"{path}: has no section study: let `freemesh study` write it anew")
-    return tree
-
-
-def _trials(folder: Path) -> list[Trial]:
-    path = StudyFolder(folder).trials
-    try:
-        trials = [_trial(entry, folder) for entry in StudyFolder(folder).read()]
-    except (RunError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        reason = str(error).partition(": ")[2] if isinstance(error, RunError) else repr(error)
-        raise ResultsError(f"{path}: {reason}") from error
-    if not trials:
-        raise ResultsError(f"{path}: no trial yet: begin with `freemesh study {folder.resolve().name}`")
-    return trials
-
-
-def _trial(entry: Entry, folder: Path) -> Trial:
-    run, settings = RunFolder(folder / entry.run), flatten(entry.settings or {})
-    return Trial(str(entry.label), int(entry.seed), run, entry.status, entry.error or "", settings)
-
-
-def _expectation(text: str, labels: Mapping[str, Any], path: Path) -> Expectation:
-    better, above, worse = (part.strip() for part in text.partition(">"))
-    for label in (better, worse):
-        if not above or label not in labels:
-            raise ResultsError(f"{path}: study.expects: {text!r}: write A > B, of the labels {', '.join(labels)}")
-    return Expectation(better, worse)
+        config = flatten(read_plain(run.config))
+    except (AttributeError, ConfigError):
+        config = {}
+    return TrialResult(
+        record.label,
+        record.seed,
+        run.path.name,
+        run.policy,
+        record.status,
+        record.error or "",
+        flatten(record.settings or {}),
+        default,
+        config,
+        run.read_evaluations(),
+    )

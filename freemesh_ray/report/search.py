@@ -4,90 +4,92 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from freemesh_ray import config
-from freemesh_ray.formatting.figures import cell, count, final
 from freemesh_ray.formatting.table import markdown, number
 from freemesh_ray.plots import draw_settings
-from freemesh_ray.report import numbers
-from freemesh_ray.report.learning import COMPLETION, QUALITY, RETURN
-from freemesh_ray.report.pictures import both
-from freemesh_ray.report.results import Results, Trial
+from freemesh_ray.policies.evaluation import COMPLETION, QUALITY, RETURN, metric, mode_and_figure
+from freemesh_ray.report import csv_files
+from freemesh_ray.report.formats import cell, count, final
+from freemesh_ray.report.pictures import in_every_format
+from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.report.sections import Picture
 from freemesh_ray.statistics.curves import LAST, final_score
+from freemesh_ray.studies.definition import Study
 
-#: Figures of a trial beside its settings -> column, format.
+#: Metrics of a trial beside its settings -> column, format.
 COLUMNS = {RETURN: ("return", ".1f"), COMPLETION: ("completed", ".0%"), QUALITY: ("eta", ".3f")}
 
 
-@dataclass(frozen=True)
-class Ranked:
-    """A search's trials that have an evaluation, the best first.
+class Ranked(NamedTuple):
+    """A trial that has an evaluation.
 
     Attributes:
-        trials: with the final figures of each, by figure.
-        names: of the settings that were searched, dotted.
-        default: place of the trial whose settings are the defaults, from 0; None without one.
+        trial: it.
+        finals: metric -> mean of its last evaluations: the study's metric, then those of `COLUMNS`.
     """
 
-    trials: Sequence[tuple[Trial, dict[str, float]]]
-    names: Sequence[str]
-    default: int | None
+    trial: TrialResult
+    finals: dict[str, float]
 
 
-def ranked(results: Results) -> Ranked:
-    """The trials by the study's metric: the mean of their last evaluations."""
-    scored = []
-    for trial in results.trials:
-        figures = {figure: final_score(trial.curve(figure)[1]) for figure in [results.metric, *COLUMNS]}
-        if trial.status != "failed" and np.isfinite(figures[results.metric]):
-            scored.append((trial, figures))
-    scored.sort(key=lambda entry: -entry[1][results.metric])
-    names = list(dict.fromkeys(name for trial in results.trials for name in trial.settings))
-    usual = config.flatten(config.load()) | dict(results.settings)
-    places = [i for i, (trial, _) in enumerate(scored) if is_default(trial, usual)]
-    return Ranked(scored, names, places[0] if places else None)
+def ranking(results: Results) -> list[Ranked]:
+    """The trials by the study's metric, the best first."""
+    by = results.study.metric
+    found = [
+        Ranked(trial, {name: final_score(trial.curve(name)[1]) for name in [by, *COLUMNS]})
+        for trial in results.trials
+        if trial.status != "failed"
+    ]
+    return sorted((one for one in found if np.isfinite(one.finals[by])), key=lambda one: -one.finals[by])
 
 
-def is_default(trial: Trial, usual: dict[str, Any]) -> bool:
-    """Whether a trial was given nothing but what holds without the search."""
-    return all(usual.get(name) == value for name, value in trial.settings.items())
+def default_place(ranks: Sequence[Ranked]) -> int | None:
+    """Place of the first trial that has the study's own settings, from 0; None without one."""
+    return next((i for i, (trial, _) in enumerate(ranks) if trial.default), None)
 
 
-def section(found: Ranked, picture: Picture, results: Results) -> str:
+def nothing_completed(ranks: Sequence[Ranked], by: str) -> bool:
+    """Whether no trial completed a mesh in its last evaluations, by the actions that the metric ``by`` is of."""
+    completion = metric(mode_and_figure(by)[0], "completion_rate")
+    return all(final_score(trial.curve(completion)[1]) == 0.0 for trial, _ in ranks)
+
+
+def section(ranks: Sequence[Ranked], picture: Picture, study: Study) -> str:
     """The ranking in words, the picture, the best settings and the table."""
-    if not found.trials:
-        return f"## Trials by {final(results.metric)}\n\nNo trial has an evaluation yet."
-    (best, figures), total = found.trials[0], len(found.trials)
-    by = final(results.metric)
+    by, default = final(study.metric), default_place(ranks)
     parts = [f"## Trials by {by}"]
-    told = f"The best of {count(total, 'trial')} is {best.label} with a {by} of {figures[results.metric]:.4g}."
-    if found.default is None:
-        told += " None of them has the default settings."
+    if not ranks:
+        return f"{parts[0]}\n\nNo trial has an evaluation yet."
+    (best, finals), total = ranks[0], len(ranks)
+    if nothing_completed(ranks, study.metric):
+        parts.append(
+            f"No trial completed a mesh in its last {LAST} evaluations: the order below says nothing, and no settings "
+            "can be recommended. Give the trials more env steps, or an easier domain."
+        )
     else:
-        usual = found.trials[found.default][1][results.metric]
-        told += f" The default is number {found.default + 1} of {total}, with {usual:.4g}."
-    parts.append(told)
-    if best.settings:
+        told = f"The best of {count(total, 'trial')} is {best.label} with a {by} of {finals[study.metric]:.4g}."
+        if default is None:
+            told += " None of them has the default settings."
+        else:
+            usual = ranks[default].finals[study.metric]
+            told += f" The default is number {default + 1} of {total}, with {usual:.4g}."
         sets = " ".join(f"--set {shlex.quote(f'{name}={value}')}" for name, value in best.settings.items())
-        parts.append(f"The best settings:\n\n```\n{sets}\n```")
-    if drawn(found):
-        parts.append(picture("settings", f"{by} against each setting that was searched"))
+        parts += [told, f"The best settings:\n\n```\n{sets}\n```"]
+    parts.append(picture("settings", f"{by} against each setting that was searched"))
     rows = []
-    columns = {key: column for key, column in COLUMNS.items() if key != results.metric}
-    for i, (trial, values) in enumerate(found.trials):
-        name = f"**{cell(trial.label)}** (default)" if i == found.default else cell(trial.label)
-        own = [cell(shown(value_of(trial, setting, results))) for setting in found.names]
-        cells = [f"{values[results.metric]:.4g}"]
+    columns = {key: column for key, column in COLUMNS.items() if key != study.metric}
+    for i, (trial, values) in enumerate(ranks):
+        name = f"**{cell(trial.label)}** (default)" if i == default else cell(trial.label)
+        own = [cell(shown(value)) for value in settings_of(trial, study)]
+        cells = [f"{values[study.metric]:.4g}"]
         cells += [number(values[key], form) for key, (_, form) in columns.items()]
         rows.append([f"{i + 1}", name, *own, *cells, f"{trial.env_steps:,}", trial.status])
     titles = [by, *(title for title, _ in columns.values())]
-    parts.append(markdown(["rank", "trial", *found.names, *titles, "env steps", "status"], rows))
+    parts.append(markdown(["rank", "trial", *searched(study), *titles, "env steps", "status"], rows))
     parts.append(
         f"Figures are means of the last {LAST} evaluations, one seed each: differences of a few "
         "ranks are within the noise of a seed, and the best of many trials is the luckiest, too. Trials that were "
@@ -96,9 +98,14 @@ def section(found: Ranked, picture: Picture, results: Results) -> str:
     return "\n\n".join(parts)
 
 
-def value_of(trial: Trial, name: str, results: Results) -> Any:
-    """What a trial's setting was: as it was searched, or as it is for all."""
-    return trial.settings.get(name, trial.config.get(name, results.settings.get(name, "-")))
+def searched(study: Study) -> list[str]:
+    """Names of the settings that were searched, dotted."""
+    return list(study.search.space) if study.search else []
+
+
+def settings_of(trial: TrialResult, study: Study) -> list[Any]:
+    """A trial's values of the settings that were searched."""
+    return [trial.settings.get(name, trial.config.get(name, "-")) for name in searched(study)]
 
 
 def shown(value: Any) -> str:
@@ -106,29 +113,25 @@ def shown(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def drawn(found: Ranked) -> bool:
-    """Whether there is something to draw."""
-    return bool(found.trials and found.names)
-
-
-def picture(folder: Path, found: Ranked, results: Results) -> Path:
+def picture(folder: Path, ranks: Sequence[Ranked], study: Study) -> Path:
     """The metric against each setting."""
-    settings = {name: [value_of(trial, name, results) for trial, _ in found.trials] for name in found.names}
-    scores = np.array([figures[results.metric] for _, figures in found.trials])
-    return both(
+    values = zip(*(settings_of(trial, study) for trial, _ in ranks), strict=True)
+    settings = dict(zip(searched(study), map(list, values), strict=True))
+    scores = np.array([finals[study.metric] for _, finals in ranks])
+    return in_every_format(
         folder, "settings",
-        lambda path: draw_settings(settings, scores, path, final(results.metric), found.default, results.title),
+        lambda path: draw_settings(settings, scores, path, final(study.metric), default_place(ranks), study.title),
     )  # fmt: skip
 
 
-def table(path: Path, found: Ranked, results: Results) -> Path:
+def write_csv(path: Path, ranks: Sequence[Ranked], study: Study) -> Path:
     """Write the ranking."""
+    default = default_place(ranks)
     rows = [
-        [i + 1, trial.label, trial.seed, trial.status, trial.env_steps, int(i == found.default),
-         *(value_of(trial, name, results) for name in found.names), *figures.values()]
-        for i, (trial, figures) in enumerate(found.trials)
+        [i + 1, trial.label, trial.seed, trial.status, trial.env_steps, int(i == default),
+         *settings_of(trial, study), *finals.values()]
+        for i, (trial, finals) in enumerate(ranks)
     ]  # fmt: skip
-    figures = dict.fromkeys([results.metric, *COLUMNS])
-    return numbers.write(
-        path, ["rank", "trial", "seed", "status", "env_steps", "default", *found.names, *figures], rows
-    )
+    metrics = dict.fromkeys([study.metric, *COLUMNS])
+    header = ["rank", "trial", "seed", "status", "env_steps", "default", *searched(study), *metrics]
+    return csv_files.write(path, header, rows)

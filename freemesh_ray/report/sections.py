@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from envs.types import Floats
 from freemesh_ray import config
-from freemesh_ray.formatting.figures import bracketed, cell, count, hours, span, spread, thousands
+from freemesh_ray.config import Layer
 from freemesh_ray.formatting.table import markdown
+from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, MODES, QUALITY, RETURN, STOCHASTIC_RETURN
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.report.comparisons import Comparison, Outcome
-from freemesh_ray.report.learning import COMPLETION, ELEMENTS, QUALITY, RETURN, STOCHASTIC, Learning, centre, halfway
+from freemesh_ray.report.formats import bracketed, cell, count, hours, span, spread, thousands
 from freemesh_ray.report.machine import machine
-from freemesh_ray.report.results import Results, Trial
-from freemesh_ray.report.transfer import KINDS, Transfer
+from freemesh_ray.report.results import Results, TrialResult
+from freemesh_ray.report.transfer import Transfer
+from freemesh_ray.report.variants import VariantResult, iqm_interval, return_threshold
 from freemesh_ray.statistics.curves import LAST
 from freemesh_ray.statistics.improvement import SIGNIFICANT, Verdict
 
@@ -27,10 +28,11 @@ Picture = Callable[[str, str], str]
 
 
 def opening(results: Results) -> str:
-    """What the study reproduces, what the paper finds, and whether all of it was run."""
-    lines = [f"# {results.title}"]
-    about = [f"**In the paper:** {results.paper}."] if results.paper else []
-    about += [f"**Its finding:** {results.finding}"] if results.finding else []
+    """What the study is about, what the paper finds, and whether all of it was run."""
+    study = results.study
+    lines = [f"# {study.title}"]
+    about = [f"**In the paper:** {study.paper}."] if study.paper else []
+    about += [f"**{'Its finding' if study.paper else 'Known before'}:** {study.finding}"] if study.finding else []
     lines += ["  \n".join(about)] if about else []
     statuses = Counter(trial.status for trial in results.trials)
     if results.unfinished:
@@ -45,21 +47,21 @@ def opening(results: Results) -> str:
     return "\n\n".join(lines)
 
 
-def expectations(outcomes: Sequence[Outcome], by: str) -> str:
-    """The paper's expectations and what came out, by the figure that ``by`` names."""
+def expectations(outcomes: Sequence[Outcome], by: str, paper: bool) -> str:
+    """What was expected, by the ``paper`` or else by the study's author, and what came out by the figure ``by``."""
     tally = Counter(outcome.verdict for outcome in outcomes)
     rows = []
     for outcome in outcomes:
-        found = outcome.comparison
+        expected, found = cell(f"{outcome.better} > {outcome.worse}"), outcome.comparison
         if found is None:
-            rows.append([str(outcome.expectation), "-", "-", "-", f"{outcome.verdict}: no evaluation yet"])
+            rows.append([expected, "-", "-", "-", f"{outcome.verdict}: no evaluation yet"])
             continue
-        rows.append([str(outcome.expectation), f"{found.runs[0]} / {found.runs[1]}", probability(found),
+        rows.append([expected, f"{found.runs[0]} / {found.runs[1]}", probability(found),
                      f"{found.chance:.3f}", f"**{outcome.verdict}**"])  # fmt: skip
     told = ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said])
     table = markdown([f"expected, by the {by}", "seeds", "P(X > Y) [95 %]", "chance", "verdict"], rows)
     return (
-        f"## What the paper expects\n\n{told}.\n\n{table}\n\n"
+        f"## {'What the paper expects' if paper else 'What was expected'}\n\n{told}.\n\n{table}\n\n"
         "Confirmed: the 95 % interval of P(X > Y) lies wholly above one half, and equal variants would come out in so "
         f"clear an order with a chance of at most {SIGNIFICANT:g} (three seeds against three can just reach it). "
         "Refuted: the same the other way round. Undecided: anything else, and always before both are finished."
@@ -76,10 +78,11 @@ def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -
     trials = results.trials
     done = sum(trial.finished for trial in trials)
     lines = [f"{count(len(trials), 'trial')}, {done} of them finished"]
-    if not results.search:
-        lines[0] += f": {count(len(results.variants), 'variant')}, seeds {', '.join(map(str, results.seeds))}"
+    if not results.study.search:
+        seeds = dict.fromkeys(trial.seed for trial in trials)
+        lines[0] += f": {count(len(results.labels), 'variant')}, seeds {', '.join(map(str, seeds))}"
     if budget := settings(trials, "budget.env_steps"):
-        lines.append(f"budget {span(min(budget), max(budget), ',.0f')} env steps a trial{shorter(budget, trials)}")
+        lines.append(f"budget {span(min(budget), max(budget), ',.0f')} env steps a trial{shorter(budget, results)}")
     if updates := settings(trials, "learner.updates_per_step"):
         lines.append(f"{span(min(updates), max(updates), 'g')} gradient updates an env step")
     if interval := settings(trials, "evaluation.interval"):
@@ -94,16 +97,16 @@ def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -
     return "## What was run\n\n" + "\n".join(f"- {line}" for line in lines)
 
 
-def settings(trials: Sequence[Trial], key: str) -> list[float]:
+def settings(trials: Sequence[TrialResult], key: str) -> list[float]:
     """The distinct values of a setting over the trials that have a configuration."""
     return sorted({float(trial.config[key]) for trial in trials if trial.config.get(key) is not None})
 
 
-def shorter(budget: Sequence[float], trials: Sequence[Trial]) -> str:
-    """How the budget compares with the paper's, and how much of it the trials took."""
+def shorter(budget: Sequence[float], results: Results) -> str:
+    """How the budget compares with the paper's, where the study is of it, and how much of it the trials took."""
     paper = config.load(["train_paper"])["budget"]["env_steps"]
-    said = f", shorter than the paper's {paper:,}" if min(budget) < paper else ""
-    taken = [trial.env_steps for trial in trials if trial.finished]
+    said = f", shorter than the paper's {paper:,}" if results.study.paper and min(budget) < paper else ""
+    taken = [trial.env_steps for trial in results.trials if trial.finished]
     if taken and min(taken) < min(budget):
         said += f"; finished trials took {span(min(taken), max(taken), ',.0f')}"
     return said
@@ -115,9 +118,9 @@ def short(commit: str) -> str:
     return f"{name[:10]}{dash}{dirty}"
 
 
-def curves(variants: Sequence[Learning], picture: Picture) -> str:
+def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
     """The learning curves and the table of their ends."""
-    threshold = halfway(variants)
+    threshold = return_threshold(variants)
     header = ["variant", "seeds", "final return", "IQM [95 %]", "stochastic", "mean over training",
               "completed", "eta", "elements", f"steps to {threshold:.1f}"]  # fmt: skip
     rows = [
@@ -125,8 +128,8 @@ def curves(variants: Sequence[Learning], picture: Picture) -> str:
             mark(variant),
             f"{len(variant.used)} of {len(variant.trials)}",
             spread(variant.finals[RETURN], ".1f"),
-            bracketed(variant.final, ".1f", len(variant.used)),
-            spread(variant.finals[STOCHASTIC], ".1f"),
+            bracketed(variant.final_return, ".1f", len(variant.used)),
+            spread(variant.finals[STOCHASTIC_RETURN], ".1f"),
             spread(variant.mean_over_training(), ".1f"),
             spread(100 * variant.finals[COMPLETION], ".0f") + ("" if not variant.used else " %"),
             spread(variant.finals[QUALITY], ".3f"),
@@ -149,12 +152,12 @@ def curves(variants: Sequence[Learning], picture: Picture) -> str:
     )
 
 
-def mark(variant: Learning) -> str:
+def mark(variant: VariantResult) -> str:
     """A variant's label, with a star where its figures are provisional."""
     return cell(f"{variant.label}*" if variant.provisional else variant.label)
 
 
-def reached(variant: Learning, threshold: float) -> str:
+def reached(variant: VariantResult, threshold: float) -> str:
     """When a variant first reaches a return."""
     if not variant.used or math.isnan(threshold):
         return "-"
@@ -166,12 +169,12 @@ def reached(variant: Learning, threshold: float) -> str:
     return f"{'never' if curve is None else thousands(curve)} ({len(known)} of {len(each)}{when})"
 
 
-def domains(variants: Sequence[Learning], transfer: Transfer, episodes: int, picture: Picture) -> str:
+def domains(variants: Sequence[VariantResult], transfer: Transfer, episodes: int, picture: Picture) -> str:
     """Every policy on every domain."""
     parts = [f"## Every policy on {count(len(transfer.domains), 'domain')}"]
     if transfer.domains and transfer.policies:
         parts.append(picture("profile", "share of runs and domains above a score"))
-        parts += [domain_table(variants, transfer, kind) for kind in KINDS]
+        parts += [domain_table(variants, transfer, mode) for mode in MODES]
         parts.append(
             "Completion rate, and mean element quality eta of the cut elements, of each trial's best policy, in "
             f"{count(episodes, 'episode')} on each domain: mean ± deviation over seeds. Deterministic: the policy's "
@@ -184,21 +187,21 @@ def domains(variants: Sequence[Learning], transfer: Transfer, episodes: int, pic
     return "\n\n".join(parts)
 
 
-def domain_table(variants: Sequence[Learning], transfer: Transfer, kind: str) -> str:
-    """Completion and quality of one kind of episodes: a line a domain, a column a variant, the score at the end."""
-    known = [variant for variant in variants if transfer.of(variant.label, "score", kind).size]
-    done = {v.label: transfer.of(v.label, "completion_rate", kind) for v in known}
-    eta = {v.label: transfer.of(v.label, "element_quality", kind) for v in known}
-    scores = {v.label: transfer.of(v.label, "score", kind) for v in known}
+def domain_table(variants: Sequence[VariantResult], transfer: Transfer, mode: str) -> str:
+    """Completion and quality of one mode of acting: a line a domain, a column a variant, the score at the end."""
+    known = [variant for variant in variants if transfer.of(variant.label, "score", mode).size]
+    done = {v.label: transfer.of(v.label, "completion_rate", mode) for v in known}
+    eta = {v.label: transfer.of(v.label, "element_quality", mode) for v in known}
+    scores = {v.label: transfer.of(v.label, "score", mode) for v in known}
     rows = [
-        [name, *(both(done[v.label][:, j], eta[v.label][:, j]) for v in known)]
+        [name, *(completion_and_quality(done[v.label][:, j], eta[v.label][:, j]) for v in known)]
         for j, name in enumerate(transfer.domains)
     ]
-    rows.append(["score", *(bracketed(centre(scores[v.label]), ".3f", len(scores[v.label])) for v in known)])
-    return markdown([kind, *(mark(variant) for variant in known)], rows)
+    rows.append(["score", *(bracketed(iqm_interval(scores[v.label]), ".3f", len(scores[v.label])) for v in known)])
+    return markdown([mode, *(mark(variant) for variant in known)], rows)
 
 
-def both(done: Floats, eta: Floats) -> str:
+def completion_and_quality(done: Floats, eta: Floats) -> str:
     """Completion rate and quality in one cell."""
     return f"{100 * np.mean(done):.0f} %, {spread(eta, '.3f')}"
 
@@ -229,14 +232,14 @@ def trials(results: Results) -> str:
     """Every trial, and what went wrong with those that failed."""
     rows = [
         [cell(trial.label), str(trial.seed), trial.status, f"{trial.env_steps:,}", hours(trial.seconds),
-         f"`{trial.run.path.name}`"]
+         f"`{trial.run}`"]
         for trial in results.trials
     ]  # fmt: skip
     parts = [
         "## Trials",
-        markdown(["trial" if results.search else "variant", "seed", "status", "env steps", "time", "run"], rows),
+        markdown(["trial" if results.study.search else "variant", "seed", "status", "env steps", "time", "run"], rows),
     ]
-    if not results.search and (differing := differences(results.variants)):
+    if differing := differences(results.study.variants):
         parts.append(differing)
     failed = [trial for trial in results.trials if trial.error]
     if failed:
@@ -245,12 +248,15 @@ def trials(results: Results) -> str:
     return "\n\n".join(parts)
 
 
-def differences(variants: Mapping[str, Mapping[str, Any]]) -> str:
+def differences(variants: Mapping[str, Layer]) -> str:
     """What the variants set; empty when nothing."""
-    told = [
-        f"- {label}: " + ", ".join(f"`{key}={value}`" for key, value in own.items()) for label, own in variants.items()
-    ]
-    return "Settings of the variants:\n\n" + "\n".join(told) if any(variants.values()) else ""
+    if not any(variants.values()):
+        return ""
+    told = []
+    for label, layer in variants.items():
+        own = config.flatten(config.values(layer))
+        told.append(f"- {label}: " + ", ".join(f"`{key}={value}`" for key, value in own.items()))
+    return "Settings of the variants:\n\n" + "\n".join(told)
 
 
 METHOD = """\

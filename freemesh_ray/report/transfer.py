@@ -9,11 +9,10 @@ import numpy as np
 
 from envs.domains.load import RandomDomains, source
 from envs.types import Domain, DomainError, Floats
-from freemesh_ray.policies.evaluation import Evaluated, evaluation_episodes, summary
+from freemesh_ray.policies.evaluation import evaluate
 from freemesh_ray.policies.policy import Policy, PolicyError
-from freemesh_ray.report.results import Trial
+from freemesh_ray.report.results import TrialResult
 
-KINDS = ("deterministic", "stochastic")
 #: Of the draws: the same for all policies.
 SEED = 0
 
@@ -26,7 +25,7 @@ class Transfer:
         domains: names of those that could be loaded.
         skipped: what the study calls a domain, or a trial -> why it is missing.
         policies: label, seed -> the best policy of the trial, in the order of the trials.
-        figures: label, seed, domain, kind -> evaluate.summary and ``score``.
+        figures: label, seed, domain, mode -> `evaluation.FIGURES`.
     """
 
     domains: list[str]
@@ -34,10 +33,10 @@ class Transfer:
     policies: Mapping[tuple[str, int], Policy]
     figures: Mapping[tuple[str, int, str, str], Mapping[str, float]]
 
-    def of(self, label: str, figure: str, kind: str) -> Floats:
+    def of(self, label: str, figure: str, mode: str) -> Floats:
         """(n, m): a figure of the n policies of a variant on the m domains."""
         rows = [
-            [self.figures[label, seed, domain, kind][figure] for domain in self.domains]
+            [self.figures[label, seed, domain, mode][figure] for domain in self.domains]
             for trained, seed in self.policies
             if trained == label
         ]
@@ -45,7 +44,10 @@ class Transfer:
 
 
 def transfer(
-    trials: Sequence[Trial], domains: Sequence[str], episodes: int, note: Callable[[str], None] = lambda line: None
+    trials: Sequence[TrialResult],
+    domains: Sequence[str],
+    episodes: int,
+    note: Callable[[str], None] = lambda line: None,
 ) -> Transfer:
     """Evaluate the best policy of each trial on each domain.
 
@@ -55,23 +57,23 @@ def transfer(
         episodes: on each domain, deterministic and again stochastic.
         note: called with a line for each policy.
     """
-    found, skipped = loaded(domains)
-    policies, figures = {}, {}
+    found, skipped = load_domains(domains)
+    policies: dict[tuple[str, int], Policy] = {}
+    figures: dict[tuple[str, int, str, str], Mapping[str, float]] = {}
     for trial in trials:
         try:
-            policy = policies[trial.label, trial.seed] = Policy.load(trial.run.policy)
+            policy = policies[trial.label, trial.seed] = Policy.load(trial.policy)
         except PolicyError as error:
             skipped[f"{trial.label}, seed {trial.seed}"] = str(error)
             continue
         note(f"{trial.label}, seed {trial.seed}: {len(found)} domains")
         for name, entry in found.items():
-            for kind in KINDS:
-                results = evaluation_episodes(policy, entry, episodes, stochastic=kind == "stochastic", seed=SEED)
-                figures[trial.label, trial.seed, name, kind] = {**summary(results), "score": score(results)}
+            of_mode = evaluate(policy, entry, episodes, SEED)
+            figures |= {(trial.label, trial.seed, name, mode): of_mode[mode] for mode in of_mode}
     return Transfer(list(found), skipped, policies, figures)
 
 
-def loaded(domains: Sequence[str]) -> tuple[dict[str, Domain | RandomDomains], dict[str, str]]:
+def load_domains(domains: Sequence[str]) -> tuple[dict[str, Domain | RandomDomains], dict[str, str]]:
     """Name -> domain; and what the study calls the others -> why they cannot be used."""
     found: dict[str, Domain | RandomDomains] = {}
     skipped: dict[str, str] = {}
@@ -85,8 +87,3 @@ def loaded(domains: Sequence[str]) -> tuple[dict[str, Domain | RandomDomains], d
         else:
             found[spec if entry.name in found else entry.name] = entry
     return found, skipped
-
-
-def score(results: Sequence[Evaluated]) -> float:
-    """In [0, 1], for a policy on a domain: mean over episodes of the element quality, 0 where not completed."""
-    return float(np.mean([result.completed * result.mean_eta for result in results]))

@@ -1,4 +1,4 @@
 """Studies: many trainings that differ in what a file says, run by Ray Tune.
 
-definition (the file) -> plan (its trials) -> running (Tuner) -> trial_run (one training) -> folder (what is left)
+definition (the file) -> plan (its trials) -> runner (Ray Tune) -> trainable (a trial) -> study_folder (what is left)
 """

@@ -1,4 +1,4 @@
-"""What a study is: the file ``tune_configs/NAME.yaml``, read and checked.
+"""What a study is: its YAML file, read and checked, whether it is to be run or to be reported on.
 
 A file has two parts. ``settings`` holds what all trials share, over the defaults. ``study`` says what they differ in:
 either ``variants`` (label -> settings), each with each of ``seeds``, or a ``search`` of a space of settings.
@@ -17,13 +17,13 @@ import yaml
 from freemesh_ray import config
 from freemesh_ray.config import ConfigError, Field, Layer
 from freemesh_ray.config.paths import Paths
-from freemesh_ray.policies.evaluation import FIGURES, KINDS
+from freemesh_ray.policies.evaluation import METRICS, SCORE
 from freemesh_ray.studies.space import Space, read_space
 
 LABEL = Field(str, pattern=r"[\w.+=, -]{1,60}", hint="up to 60 letters, digits, spaces and . + = , _ -")
 COMPARISON = re.compile(r"\s*(.+?)\s*>\s*(.+?)\s*")
 
-#: What ``study`` may hold besides ``variants`` and ``search``; what has no default must be there.
+#: What ``study`` may hold besides ``variants`` and ``search``; defaults are those of `Study`.
 KEYS: dict[str, Field] = {
     "title": Field(str),
     "paper": Field(str, optional=True),
@@ -31,15 +31,11 @@ KEYS: dict[str, Field] = {
     "expects": Field(str, many=True, distinct=True),
     "seeds": Field(int, 0, 2**31 - 1, many=True, distinct=True),
     "domains": Field(str, many=True, distinct=True),
-    "metric": Field(str, words=tuple(f"eval_{kind}/{name}" for kind in KINDS for name in FIGURES)),
+    "metric": Field(str, words=METRICS),
     "retries": Field(int, 0, 100),
 }
-DEFAULTS: dict[str, Any] = {
-    "paper": None, "finding": None, "expects": [], "seeds": [], "domains": [], "metric": "eval_deterministic/score",
-    "retries": 1,
-}  # fmt: skip
-
-SEARCH: dict[str, Field] = {
+#: What ``study.search`` may hold besides ``space``; defaults are those of `Search`.
+SEARCH_KEYS: dict[str, Field] = {
     "trials": Field(int, 1, 10**6),
     "searcher": Field(str, words=("optuna", "random")),
     "scheduler": Field(str, words=("asha", "pbt", "none")),
@@ -47,64 +43,62 @@ SEARCH: dict[str, Field] = {
     "reduction": Field(float, 1.5, 100),
     "perturbation": Field(int, 1, config.COUNT),
 }
-SEARCH_DEFAULTS: dict[str, Any] = {
-    "searcher": "optuna", "scheduler": "asha", "grace": 10_000, "reduction": 3.0, "perturbation": 10_000,
-}  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Search:
     """A search of a space of settings.
 
     Attributes:
         trials: how many; the first has the study's own settings.
+        space: dotted key -> what its values are drawn from.
         searcher: optuna (tree-structured Parzen estimator) or random.
         scheduler: asha (asynchronous successive halving), pbt (population based training) or none.
         grace: env steps before asha may stop a trial; ``reduction``: one of so many goes on at each rung.
         perturbation: env steps between two of pbt's perturbations.
-        space: dotted key -> what its values are drawn from.
     """
 
     trials: int
-    searcher: str
-    scheduler: str
-    grace: int
-    reduction: float
-    perturbation: int
     space: Mapping[str, Space]
+    searcher: str = "optuna"
+    scheduler: str = "asha"
+    grace: int = 10_000
+    reduction: float = 3.0
+    perturbation: int = 10_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Study:
     """A study, checked.
 
     Attributes:
-        name: of the file.
-        title, paper, finding: what it is about, where the paper has it, and what the paper found.
-        expects: pairs of labels (better, worse) that the finding amounts to.
-        variants: label -> settings that differ; empty for a search.
-        seeds: each variant is trained with each; none where the variants set their seeds.
-        domains: what every policy is evaluated on in the report.
-        metric: key of an evaluation (``evaluations.jsonl``), the larger the better.
-        retries: how often a failed trial is tried again.
-        search: None for a study of variants.
+        name: of the file, or of the study's folder.
+        title: of the report and its figure.
         settings: what all trials share.
+        variants: label -> settings that differ; empty for a search.
+        search: None for a study of variants.
+        seeds: each variant is trained with each; none where the variants set their seeds.
+        metric: of an evaluation (`freemesh_ray.policies.evaluation`), the larger the better.
+        expects: pairs of labels (better, worse): what is expected to come out.
+        domains: what every policy is evaluated on in the report.
+        retries: how often a failed trial is tried again.
+        paper, finding: where the paper has it, and what it found.
         last: ``key=value`` settings, over everything.
         paths: what its trees' paths are relative to.
     """
 
     name: str
     title: str
-    paper: str | None
-    finding: str | None
-    expects: Sequence[tuple[str, str]]
-    variants: Mapping[str, Layer]
-    seeds: Sequence[int]
-    domains: Sequence[str]
-    metric: str
-    retries: int
-    search: Search | None
     settings: Layer
+    variants: Mapping[str, Layer]
+    search: Search | None = None
+    seeds: Sequence[int] = ()
+    metric: str = SCORE
+    expects: Sequence[tuple[str, str]] = ()
+    domains: Sequence[str] = ()
+    retries: int = 1
+    paper: str | None = None
+    finding: str | None = None
     last: Sequence[Layer] = ()
     paths: Paths = field(default_factory=Paths.from_environment)
 
@@ -133,21 +127,17 @@ class Study:
     def tree(self) -> dict[str, Any]:
         """The study as a plain tree, to be written down."""
         common = config.values([entry for layer in (self.settings, *self.last) for entry in layer])
-        about: dict[str, Any] = {
-            "title": self.title,
-            "paper": self.paper,
-            "finding": self.finding,
+        about: dict[str, Any] = {key: getattr(self, key) for key in KEYS}
+        about |= {
             "expects": [f"{better} > {worse}" for better, worse in self.expects],
-            "variants": {label: config.values(layer) for label, layer in self.variants.items()},
             "seeds": list(self.seeds),
             "domains": list(self.domains),
-            "metric": self.metric,
-            "retries": self.retries,
+            "variants": {label: config.values(layer) for label, layer in self.variants.items()},
         }
         if self.search:
             about["search"] = {
-                **{key: getattr(self.search, key) for key in SEARCH},
-                "space": {key: {space.kind: list(space.values)} for key, space in self.search.space.items()},
+                **{key: getattr(self.search, key) for key in SEARCH_KEYS},
+                "space": {key: {space.distribution: list(space.values)} for key, space in self.search.space.items()},
             }
         return {
             "study": {key: value for key, value in about.items() if value not in ([], {}, None)},
@@ -209,7 +199,7 @@ def _over(study: Study, last: list[Layer], smoke: bool) -> Study:
 
 
 def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) -> Study:
-    values: dict[str, Any] = dict(DEFAULTS)
+    values: dict[str, Any] = {}
     variants: dict[str, Layer] = {}
     search = None
     lines: dict[str, int] = {}
@@ -231,29 +221,33 @@ def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) ->
         raise ConfigError(f"{name}:{line}: study.title is missing: it must be {KEYS['title']}")
     if bool(variants) == bool(search):
         raise ConfigError(f"{name}:{line}: study: give variants (label: settings), or a search, one of the two")
-    if search and len(values["seeds"]) != 1:
+    seeds = values.get("seeds", [])
+    if search and len(seeds) != 1:
         raise ConfigError(f"{name}:{lines.get('seeds', line)}: study.seeds: a search has one seed: write seeds: [356]")
-    values["expects"] = [_expected(text, variants, f"{name}:{lines['expects']}") for text in values["expects"]]
+    if "expects" in values:
+        values["expects"] = [_expected(text, variants, f"{name}:{lines['expects']}") for text in values["expects"]]
     own = ["seed" in config.values(layer) for layer in variants.values()]
-    if any(own) and (values["seeds"] or not all(own)):
+    if any(own) and (seeds or not all(own)):
         raise ConfigError(f"{name}:{line}: study: either every variant sets its seed, or study.seeds does for all")
-    if not any(own) and not values["seeds"]:
+    if not any(own) and not seeds:
         raise ConfigError(f"{name}:{line}: study.seeds is missing: it must be {KEYS['seeds']}")
     return Study(name=stem, variants=variants, search=search, settings=settings, **values)
 
 
 def _search(name: str, node: yaml.Node, line: int) -> Search:
-    values: dict[str, Any] = dict(SEARCH_DEFAULTS)
+    values: dict[str, Any] = {}
     space: dict[str, Space] = {}
     for key, (child, at) in _pairs(node, name, line, "study.search"):
         place = f"{name}:{at}"
         if key == "space":
             for setting, (choice, below) in _pairs(child, name, at, "study.search.space"):
                 space[setting] = read_space(setting, config.plain(choice, f"{name}:{below}"), f"{name}:{below}")
-        elif key in SEARCH:
-            values[key] = config.check(config.plain(child, place), SEARCH[key], place, f"study.search.{key}")
+        elif key in SEARCH_KEYS:
+            values[key] = config.check(config.plain(child, place), SEARCH_KEYS[key], place, f"study.search.{key}")
         else:
-            raise ConfigError(f"{place}: study.search.{key}: unknown key: known are {', '.join([*SEARCH, 'space'])}")
+            raise ConfigError(
+                f"{place}: study.search.{key}: unknown key: known are {', '.join([*SEARCH_KEYS, 'space'])}"
+            )
     if "trials" not in values or not space:
         raise ConfigError(f"{name}:{line}: study.search: needs trials (how many) and space (key: {{uniform: [a, b]}})")
     return Search(space=space, **values)

@@ -10,6 +10,8 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,8 +21,8 @@ from freemesh_ray.training.run_folder import RunFolder
 
 #: Label of a search's trial that has the study's own settings.
 DEFAULT = "default"
-#: Settings that decide where things lie, and nothing of what is learnt.
-INDIFFERENT = ("name", "tracking.", "paths.", "checkpoint.")
+#: Settings that say where things lie, and decide nothing of what is learnt.
+OUTSIDE_IDENTITY = ("name", "tracking.", "paths.", "checkpoint.")
 
 
 @dataclass(frozen=True)
@@ -51,14 +53,14 @@ class Trial:
 
 
 class Plan(Protocol):
-    """From what Tune hands a trial to the trial."""
+    """From what Tune gives a trial to the trial."""
 
-    def trial(self, given: Mapping[str, Any], key: str) -> Trial:
+    def trial(self, tune_config: Mapping[str, Any], trial_id: str) -> Trial:
         """The trial of Tune's configuration and trial id."""
 
 
 @dataclass(frozen=True)
-class Variants:
+class VariantPlan:
     """Every variant with every seed.
 
     Attributes:
@@ -67,13 +69,13 @@ class Variants:
 
     trials: Mapping[str, Trial]
 
-    def trial(self, given: Mapping[str, Any], key: str) -> Trial:
+    def trial(self, tune_config: Mapping[str, Any], trial_id: str) -> Trial:
         """The trial that is named."""
-        return self.trials[given["trial"]]
+        return self.trials[tune_config["trial"]]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SearchPlan:
     """The trials of a search, whose settings come while it runs.
 
     Attributes:
@@ -84,23 +86,28 @@ class Drawn:
     study: Study
     folder: Path
 
-    def trial(self, given: Mapping[str, Any], key: str) -> Trial:
+    def trial(self, tune_config: Mapping[str, Any], trial_id: str) -> Trial:
         """The trial of these settings, labelled by its id; the one of the study's own settings is the default."""
         assert self.study.search is not None
-        drawn = {setting: given[setting] for setting in self.study.search.space}
-        label = DEFAULT if drawn == default_point(self.study) else key
-        config = placed(self.study.trial_config(None, self.study.seeds[0], drawn), self.folder, f"trial-{key}")
+        drawn = {setting: tune_config[setting] for setting in self.study.search.space}
+        label = DEFAULT if point(drawn) == default_point(self.study) else trial_id
+        config = in_run_folder(self.study.trial_config(None, self.study.seeds[0], drawn), self.folder, trial_id)
         return Trial(label, self.study.seeds[0], config, drawn)
+
+
+def point(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by dotted key as a space's values are: lists as tuples."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
 
 
 def default_point(study: Study) -> dict[str, Any]:
     """The study's own settings as a point of its space."""
     assert study.search is not None
-    flat = flatten(study.settings_of_all())
-    return {key: flat[key] for key in study.search.space}
+    tree = study.settings_of_all()
+    return point({key: reduce(getitem, key.split("."), tree) for key in study.search.space})
 
 
-def variants(study: Study, source: str) -> Variants:
+def variant_plan(study: Study, source: str) -> VariantPlan:
     """The trials of a study of variants.
 
     Args:
@@ -111,19 +118,19 @@ def variants(study: Study, source: str) -> Variants:
     for label in study.variants:
         for seed in study.seeds_of(label):
             tree = study.trial_config(label, seed)
-            runs = Path(tree["paths"]["runs"])
-            trial = Trial(label, seed, placed(tree, runs, f"trial-{identity(tree, source)}"), {})
+            config = in_run_folder(tree, Path(tree["paths"]["runs"]), identity(tree, source))
+            trial = Trial(label, seed, config, {})
             found[trial.name] = trial
-    return Variants(found)
+    return VariantPlan(found)
 
 
 def identity(config: Mapping[str, Any], source: str) -> str:
     """Twelve hexadecimal digits that trainings with the same result have in common."""
     others = tuple(f"{name}." for name in ALGORITHMS if name != config["algorithm"])
-    deciding = {key: value for key, value in flatten(config).items() if not key.startswith(INDIFFERENT + others)}
+    deciding = {key: value for key, value in flatten(config).items() if not key.startswith(OUTSIDE_IDENTITY + others)}
     return hashlib.sha256(json.dumps([deciding, source], sort_keys=True).encode()).hexdigest()[:12]
 
 
-def placed(config: Mapping[str, Any], runs: Path, name: str) -> dict[str, Any]:
-    """The tree with its run folder at ``runs / name``."""
-    return {**config, "name": name, "paths": {**config["paths"], "runs": str(runs)}}
+def in_run_folder(config: Mapping[str, Any], runs: Path, trial_id: str) -> dict[str, Any]:
+    """The tree with its run folder at ``runs``/trial-ID."""
+    return {**config, "name": f"trial-{trial_id}", "paths": {**config["paths"], "runs": str(runs)}}

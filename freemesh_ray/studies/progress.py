@@ -13,18 +13,17 @@ from ray.tune import Callback
 from ray.tune.experiment import Trial as TuneTrial
 
 from freemesh_ray.formatting.table import duration, number
+from freemesh_ray.policies.evaluation import COMPLETION, RETURN
 from freemesh_ray.studies.plan import Plan, Trial
-from freemesh_ray.studies.study_folder import OVER, Entry, StudyFolder
+from freemesh_ray.studies.study_folder import OVER, StudyFolder, TrialRecord
 from freemesh_ray.studies.trainable import FINISHED
 
 #: Seconds between two lines on how far the running trials are.
 INTERVAL = 15.0
-#: Figures of a trial's last evaluation that a line shows.
-RETURN, RATE = "eval_deterministic/return", "eval_deterministic/completion_rate"
 
 
-class Board(Callback):
-    """A callback of Ray Tune; it is stored with the experiment, so it holds nothing that cannot be.
+class StudyProgress(Callback):
+    """A callback of Ray Tune, which is pickled with the experiment.
 
     Args:
         folder: the study's folder, whose ``trials.json`` is there.
@@ -41,108 +40,103 @@ class Board(Callback):
         self._figures: dict[str, dict[str, Any]] = {}
 
     def setup(self, *args: Any, **info: Any) -> None:
-        """The experiment begins, or goes on: what is known of its trials is in their file."""
-        self._entries = {entry.run: entry for entry in self._folder.read()}
-        self._before = {run for run, entry in self._entries.items() if entry.status in OVER}
+        """The experiment begins, or goes on with the trials of ``trials.json``."""
+        self._records = {record.run: record for record in self._folder.read()}
+        self._before = {run for run, record in self._records.items() if record.status in OVER}
         self._began = self._told = time.monotonic()
 
     def on_trial_start(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial begins, or goes on."""
-        fresh = self._entry(trial).status == "pending"
+        fresh = self._record(trial).status == "pending"
         self._set(trial, "running")
         if fresh:
-            self._say(f"{self._count()}  {self._name(trial)}  begins")
+            self._say(f"{self._prefix()}  {self._name(trial)}  begins")
 
     def on_trial_result(
         self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, result: dict[str, Any], **info: Any
     ) -> None:
         """A trial evaluated itself."""
         self._figures[self._name(trial)] = result
-        self._sweep()
+        self._remove_checkpoints()
         if time.monotonic() - self._told >= INTERVAL:
             self._told = time.monotonic()
-            running = [self._glance(self._name(t)) for t in trials if t.status == "RUNNING"]
-            self._say(f"{self._count()}  {'   '.join(running)}{self._left()}")
+            running = [self._line(self._name(t)) for t in trials if t.status == "RUNNING"]
+            self._say(f"{self._prefix()}  {'   '.join(running)}{self._time_left()}")
 
     def on_trial_complete(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial came to its end, or a scheduler stopped it."""
-        entry = self._entry(trial)
-        whole = (self._folder.path / entry.run / FINISHED).is_file()
+        record = self._record(trial)
+        whole = (self._folder.path / record.run / FINISHED).is_file()
         self._set(trial, "finished" if whole else "stopped")
         self._over.append(self._folder.tune / Path(trial.path or "").name)
-        self._say(f"{self._count()}  {self._glance(self._name(trial))}  {entry.status}")
+        self._say(f"{self._prefix()}  {self._line(self._name(trial))}  {record.status}")
 
     def on_experiment_end(self, trials: list[TuneTrial], **info: Any) -> None:
         """Nothing runs any more."""
-        self._sweep()
+        self._remove_checkpoints()
 
     def on_trial_error(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial failed for good."""
-        entry = self._entry(trial)
-        entry.error = reason(trial)
+        record = self._record(trial)
+        record.error = reason(trial)
         self._set(trial, "failed")
-        self._say(f"{self._count()}  {self._name(trial)}  failed: {entry.error}")
+        self._say(f"{self._prefix()}  {self._name(trial)}  failed: {record.error}")
 
     def on_trial_recover(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial failed and is tried again."""
-        self._say(f"{self._count()}  {self._name(trial)}  is tried again after: {reason(trial)}")
+        self._say(f"{self._prefix()}  {self._name(trial)}  is tried again after: {reason(trial)}")
 
-    def _sweep(self) -> None:
+    def _remove_checkpoints(self) -> None:
         """Remove the checkpoints of trials that are over: each holds a whole replay buffer."""
         for place in [] if self._keep else self._over:
             for checkpoint in place.glob("checkpoint_*"):
                 shutil.rmtree(checkpoint, ignore_errors=True)
 
-    def _of(self, trial: TuneTrial) -> tuple[Entry, Trial]:
+    def _of(self, trial: TuneTrial) -> tuple[TrialRecord, Trial]:
         """The trial as it is listed, and as it is now: population based training changes settings on the way."""
         it = self._plan.trial(trial.config, trial.trial_id)
         run = os.path.relpath(it.folder.path, self._folder.path.absolute())
-        return self._entries.setdefault(run, Entry(it.label, it.seed, run, settings=dict(it.drawn))), it
+        return self._records.setdefault(run, TrialRecord(it.label, it.seed, run, settings=dict(it.drawn))), it
 
     def _name(self, trial: TuneTrial) -> str:
-        return name_of(self._entry(trial))
+        return self._record(trial).name
 
-    def _entry(self, trial: TuneTrial) -> Entry:
+    def _record(self, trial: TuneTrial) -> TrialRecord:
         return self._of(trial)[0]
 
     def _set(self, trial: TuneTrial, status: str) -> None:
-        entry, it = self._of(trial)
-        entry.status, entry.settings = status, dict(it.drawn)
+        record, it = self._of(trial)
+        record.status, record.settings = status, dict(it.drawn)
         if status != "failed":
-            entry.error = None
-        self._folder.write(list(self._entries.values()))
+            record.error = None
+        self._folder.write(list(self._records.values()))
 
-    def _glance(self, name: str) -> str:
+    def _line(self, name: str) -> str:
         figures = self._figures.get(name)
         if figures is None:
             return f"{name} begins"
         return (
             f"{name} at {figures['env_steps']:,}: return {number(figures.get(RETURN, float('nan')), '.1f')}, "
-            f"done {number(figures.get(RATE, float('nan')), '.0%')}"
+            f"done {number(figures.get(COMPLETION, float('nan')), '.0%')}"
         )
 
-    def _count(self) -> str:
-        over = sum(entry.status in OVER for entry in self._entries.values())
+    def _prefix(self) -> str:
+        over = sum(record.status in OVER for record in self._records.values())
         return f"[{duration(time.monotonic() - self._began)}] {over}/{self._planned}"
 
-    def _left(self) -> str:
-        """The time that is left, as if trials went on as they have since this start; nothing before there is a sign."""
-        new = [entry for run, entry in self._entries.items() if run not in self._before]
-        taken = sum(self._budget if entry.status in OVER else self._steps(entry) for entry in new)
+    def _time_left(self) -> str:
+        """The time that is left, estimated from the env steps taken since this start; empty before there are any."""
+        new = [record for run, record in self._records.items() if run not in self._before]
+        taken = sum(self._budget if record.status in OVER else self._steps(record) for record in new)
         open_ = self._budget * (self._planned - len(self._before)) - taken
         return f"   {duration((time.monotonic() - self._began) * open_ / taken)} left" if taken else ""
 
-    def _steps(self, entry: Entry) -> int:
-        return min(self._budget, int(self._figures.get(name_of(entry), {}).get("env_steps", 0)))
+    def _steps(self, record: TrialRecord) -> int:
+        return min(self._budget, int(self._figures.get(record.name, {}).get("env_steps", 0)))
 
     @staticmethod
     def _say(line: str) -> None:
         print(line, file=sys.stdout, flush=True)
-
-
-def name_of(entry: Entry) -> str:
-    """The trial's name, as in its plan."""
-    return entry.label if entry.settings else f"{entry.label}-{entry.seed}"
 
 
 def reason(trial: TuneTrial) -> str:

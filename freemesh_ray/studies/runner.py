@@ -1,6 +1,6 @@
 """A study run: what is found is not trained again, the rest goes to Ray Tune, the best policy is registered.
 
-definition -> plan -> [ found finished | Tuner(TrialRun) ] -> trials.json -> best policy -> report
+definition -> plan -> [ found finished | Tuner(TrialTrainable) ] -> trials.json -> best policy -> report
 """
 
 from __future__ import annotations
@@ -20,21 +20,20 @@ from freemesh_ray.config import flatten
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.studies import search
 from freemesh_ray.studies.definition import Study
-from freemesh_ray.studies.plan import Drawn, Plan, Variants, variants
-from freemesh_ray.studies.progress import Board, name_of
-from freemesh_ray.studies.study_folder import OVER, Entry, StudyFolder
-from freemesh_ray.studies.trainable import TrialRun, finished
+from freemesh_ray.studies.plan import Plan, SearchPlan, VariantPlan, variant_plan
+from freemesh_ray.studies.progress import StudyProgress
+from freemesh_ray.studies.study_folder import OVER, StudyError, StudyFolder, TrialRecord
+from freemesh_ray.studies.trainable import TrialTrainable, finished
 from freemesh_ray.tracking import Run, share
 from freemesh_ray.tracking.provenance import source
 from freemesh_ray.training.job import tags
 from freemesh_ray.training.loop import Algorithm
-from freemesh_ray.training.run_folder import RunError
 
 #: Checkpoints kept of each trial: Tune's record of them is a second old at most, and population based training copies
 #: from one while its trial goes on.
 KEPT = 4
-#: What Ray Tune would print or write beside what the study does; and trials stay in the folder that relative paths of
-#: the settings are relative to.
+#: Keeps Ray Tune from printing and writing beside the study's own, and trials in the folder that relative paths of the
+#: settings are relative to.
 QUIET = {
     "RAY_CHDIR_TO_TRIAL_DIR": "0",
     "RAY_AIR_NEW_OUTPUT": "0",
@@ -46,35 +45,35 @@ QUIET = {
 
 
 @dataclass(frozen=True)
-class Studied:
+class StudyResult:
     """What a study leaves.
 
     Attributes:
         folder: where it lies.
-        entries: its trials.
+        records: its trials.
         best: the one with the best policy; None when none came to its end.
         score: of that policy.
     """
 
     folder: StudyFolder
-    entries: list[Entry]
-    best: Entry | None
+    records: list[TrialRecord]
+    best: TrialRecord | None
     score: float
 
 
-def plan_of(study: Study) -> tuple[StudyFolder, Plan, list[Entry]]:
+def planned(study: Study) -> tuple[StudyFolder, Plan, list[TrialRecord]]:
     """Where a study lies, its plan, and its trials as far as they are known before it runs."""
     settings = study.settings_of_all()
     folder = StudyFolder(Path(settings["paths"]["studies"]) / study.name)
     if study.search:
-        return folder, Drawn(study, folder.runs), []
-    plan = variants(study, source())
-    entries = []
+        return folder, SearchPlan(study, folder.runs), []
+    plan = variant_plan(study, source())
+    records = []
     for trial in plan.trials.values():
         done = finished(trial.folder) is not None
         run = os.path.relpath(trial.folder.path, folder.path)
-        entries.append(Entry(trial.label, trial.seed, run, "finished" if done else "pending", shared=done))
-    return folder, plan, entries
+        records.append(TrialRecord(trial.label, trial.seed, run, "finished" if done else "pending", shared=done))
+    return folder, plan, records
 
 
 def run(
@@ -83,7 +82,7 @@ def run(
     resume: bool,
     make: Callable[[Mapping[str, Any]], Algorithm],
     report: Callable[[Path], list[Path]] | None = None,
-) -> Studied:
+) -> StudyResult:
     """Run a study, or go on with it; Ray is up.
 
     Args:
@@ -93,12 +92,12 @@ def run(
         report: writes the report into the study's folder; its files are tracked.
 
     Raises:
-        RunError: there is such a study, and ``resume`` is false, it is another, or it was begun from another source.
+        StudyError: there is such a study, and ``resume`` is false, it is another, or it was begun from another source.
         KeyboardInterrupt: it was interrupted; ``resume`` goes on.
     """
-    folder, plan, entries = plan_of(study)
-    folder.claim(study.tree(), resume)
-    entries = merged(entries, folder.read())
+    folder, plan, records = planned(study)
+    folder.claim(study, resume)
+    records = merged(records, folder.read())
     tracking = study.settings_of_all()["tracking"]
     with Run(
         folder.path,
@@ -111,52 +110,57 @@ def run(
         enabled=tracking["enabled"],
     ) as parent:
         parent.artifact(folder.definition)
-        folder.write(entries)
-        if isinstance(plan, Variants):
-            publish(study, folder.path, plan, entries, tracking, parent.id)
-        planned = study.search.trials if study.search else len(entries)
-        if sum(entry.status in ("finished", "stopped") for entry in entries) < planned:
-            entries = tuned(study, folder, plan, entries, planned, make, parent.id)
-        if sum(entry.status in OVER for entry in entries) < planned:
+        folder.write(records)
+        if isinstance(plan, VariantPlan):
+            share_finished(study, folder.path, plan, records, tracking, parent.id)
+        total = study.search.trials if study.search else len(records)
+        if sum(record.status in ("finished", "stopped") for record in records) < total:
+            records = run_trials(study, folder, plan, records, total, make, parent.id)
+        if sum(record.status in OVER for record in records) < total:
             raise KeyboardInterrupt
-        best, score = champion(folder, entries, study.metric)
+        best, score = best_trial(folder, records, study.metric)
         if best is not None:
-            register(parent, study, folder, best, score)
+            register_best(parent, study, folder, best, score)
         for path in [folder.trials, *(report(folder.path) if report else [])]:
             parent.artifact(path, "report" if path.parent == folder.report else None)
-    return Studied(folder, entries, best, score)
+    return StudyResult(folder, records, best, score)
 
 
-def merged(planned: list[Entry], before: list[Entry]) -> list[Entry]:
+def merged(expected: list[TrialRecord], before: list[TrialRecord]) -> list[TrialRecord]:
     """The trials of a study that goes on: as they were left, but for what was finished since.
 
     Raises:
-        RunError: the trials are others now: they were begun from another commit, or source.
+        StudyError: the trials are others now: they were begun from another commit, or source.
     """
-    known = {name_of(entry): entry for entry in before}
-    for entry in planned:
-        old = known.get(name_of(entry))
-        if old is not None and old.run != entry.run:
-            raise RunError(
-                f"{name_of(entry)}: was begun from another commit, or source: go on from that one, "
+    known = {record.name: record for record in before}
+    for record in expected:
+        old = known.get(record.name)
+        if old is not None and old.run != record.run:
+            raise StudyError(
+                f"{record.name}: was begun from another commit, or source: go on from that one, "
                 "or --set paths.studies=OTHER to begin anew"
             )
-        if old is not None and entry.status == "finished":
-            entry.shared = old.shared or old.status == "pending"
+        if old is not None and record.status == "finished":
+            record.shared = old.shared or old.status == "pending"
         elif old is not None:
-            entry.status = "pending" if old.status == "finished" else old.status
-    return planned or before
+            record.status = "pending" if old.status == "finished" else old.status
+    return expected or before
 
 
-def publish(
-    study: Study, folder: Path, plan: Variants, entries: list[Entry], tracking: Mapping[str, Any], parent: str | None
+def share_finished(
+    study: Study,
+    folder: Path,
+    plan: VariantPlan,
+    records: list[TrialRecord],
+    tracking: Mapping[str, Any],
+    parent: str | None,
 ) -> None:
-    """Show what was found finished among this study's runs in the tracking store, too."""
+    """List trials that another study trained among this study's runs in the tracking store, too."""
     if not tracking["enabled"] or parent is None:
         return
-    for entry in entries:
-        if entry.shared:
-            trial = plan.trials[name_of(entry)]
+    for record in records:
+        if record.shared:
+            trial = plan.trials[record.name]
             share(
                 trial.folder.path,
                 uri=tracking["uri"],
@@ -168,14 +172,18 @@ def publish(
             )
 
 
-def tuned(
-    study: Study, folder: StudyFolder, plan: Plan, entries: list[Entry], planned: int, make: Any, parent: str | None
-) -> list[Entry]:
-    """Let Ray Tune run what is left; the trials as they are then."""
+def run_trials(
+    study: Study, folder: StudyFolder, plan: Plan, records: list[TrialRecord], total: int, make: Any, parent: str | None
+) -> list[TrialRecord]:
+    """Run the trials that are not over on Ray Tune.
+
+    Returns:
+        All trials as they are then.
+    """
     os.environ.update(QUIET)
     settings = study.settings_of_all()
     trainable = tune.with_resources(
-        tune.with_parameters(TrialRun, plan=plan, make=make, study=study.name, parent=parent),
+        tune.with_parameters(TrialTrainable, plan=plan, make=make, study=study.name, parent=parent),
         partial(resources, plan),
     )
     signal.signal(signal.SIGTERM, lambda number, frame: os.kill(os.getpid(), signal.SIGINT))
@@ -183,10 +191,10 @@ def tuned(
     if tune.Tuner.can_restore(str(folder.tune)):
         tuner = tune.Tuner.restore(str(folder.tune), trainable, resume_unfinished=True, resume_errored=True)
     else:
-        left = [name_of(entry) for entry in entries if entry.status != "finished"]
+        left = [record.name for record in records if record.status != "finished"]
         tuner = tune.Tuner(
             trainable,
-            param_space=search.space(study.search) if study.search else {"trial": tune.grid_search(left)},
+            param_space=search.param_space(study.search) if study.search else {"trial": tune.grid_search(left)},
             tune_config=tune.TuneConfig(
                 num_samples=study.search.trials if study.search else 1,
                 search_alg=search.searcher(study) if study.search else None,
@@ -199,7 +207,7 @@ def tuned(
                 storage_path=str(folder.path),
                 failure_config=tune.FailureConfig(max_failures=study.retries),
                 checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=KEPT),
-                callbacks=[Board(folder.path, plan, planned, settings["budget"]["env_steps"], pbt)],
+                callbacks=[StudyProgress(folder.path, plan, total, settings["budget"]["env_steps"], pbt)],
                 verbose=0,
             ),
         )
@@ -228,22 +236,22 @@ def parallel(settings: Mapping[str, Any]) -> int:
     return max(1, int(ray.cluster_resources().get("CPU", 1)) // processes)
 
 
-def champion(folder: StudyFolder, entries: list[Entry], metric: str) -> tuple[Entry | None, float]:
+def best_trial(folder: StudyFolder, records: list[TrialRecord], metric: str) -> tuple[TrialRecord | None, float]:
     """The trial whose best policy has the highest metric, and that."""
     scores = {}
-    for i, entry in enumerate(entries):
-        path = folder.path / entry.run / "policy.npz"
-        if entry.status in ("finished", "stopped") and path.is_file():
+    for i, record in enumerate(records):
+        path = folder.run_of(record).policy
+        if record.status in ("finished", "stopped") and path.is_file():
             scores[i] = float(Policy.load(path).about["scores"][metric])
     if not scores:
         return None, float("nan")
     best = max(scores, key=lambda i: scores[i])
-    return entries[best], scores[best]
+    return records[best], scores[best]
 
 
-def register(parent: Run, study: Study, folder: StudyFolder, best: Entry, score: float) -> None:
+def register_best(parent: Run, study: Study, folder: StudyFolder, best: TrialRecord, score: float) -> None:
     """Make the best policy a version of the study's registered model, under the alias `best`."""
-    policy = folder.path / best.run / "policy.npz"
+    policy = folder.run_of(best).policy
     about = Policy.load(policy).about
     parent.model(
         policy,

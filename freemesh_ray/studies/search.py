@@ -13,25 +13,25 @@ from freemesh_ray.studies.definition import Search, Study
 from freemesh_ray.studies.plan import default_point
 from freemesh_ray.studies.space import Space
 
-TIME = "env_steps"
+TIME_ATTR = "env_steps"
 #: A perturbation of population based training multiplies a number by one of these.
 FACTORS = (0.8, 1.25)
 
 
-def space(search: Search) -> dict[str, Any]:
+def param_space(search: Search) -> dict[str, Any]:
     """What Tune draws each trial's settings from."""
-    return {key: domain(choice) for key, choice in search.space.items()}
+    return {key: distribution(space) for key, space in search.space.items()}
 
 
-def domain(choice: Space) -> Any:
-    """One setting's distribution."""
-    match choice.kind:
+def distribution(space: Space) -> Any:
+    """One setting's distribution as Tune has it."""
+    match space.distribution:
         case "uniform":
-            return tune.uniform(*choice.values)
+            return tune.uniform(*space.values)
         case "log":
-            return tune.loguniform(*choice.values)
+            return tune.loguniform(*space.values)
         case "choice":
-            return tune.choice(list(choice.values))
+            return tune.choice(list(space.values))
 
 
 def searcher(study: Study) -> Searcher | SearchAlgorithm:
@@ -56,11 +56,11 @@ def scheduler(study: Study, budget: int) -> TrialScheduler:
     if search.scheduler == "asha":
         grace = min(search.grace, budget)
         return AsyncHyperBandScheduler(
-            time_attr=TIME, metric=study.metric, mode="max", max_t=budget + 1, grace_period=grace,
+            time_attr=TIME_ATTR, metric=study.metric, mode="max", max_t=budget + 1, grace_period=grace,
             reduction_factor=search.reduction,
         )  # fmt: skip
     return PopulationBasedTraining(
-        time_attr=TIME,
+        time_attr=TIME_ATTR,
         metric=study.metric,
         mode="max",
         perturbation_interval=search.perturbation,
@@ -73,16 +73,19 @@ def scheduler(study: Study, budget: int) -> TrialScheduler:
 
 def mutations(spaces: Mapping[str, Space]) -> dict[str, Any]:
     """What population based training draws a setting from when it does not perturb it."""
-    return {key: list(choice.values) if choice.kind == "choice" else domain(choice) for key, choice in spaces.items()}
+    return {
+        key: list(space.values) if space.distribution == "choice" else distribution(space)
+        for key, space in spaces.items()
+    }
 
 
 def _within(spaces: Mapping[str, Space]) -> Any:
-    """A perturbation can leave the space: back to its ends."""
+    """A function that brings a perturbed setting that left its space back to the end that it lies beyond."""
 
-    def explore(given: dict[str, Any]) -> dict[str, Any]:
-        for key, choice in spaces.items():
-            if choice.kind != "choice":
-                given[key] = choice.nearest(given[key])
-        return given
+    def explore(config: dict[str, Any]) -> dict[str, Any]:
+        for key, space in spaces.items():
+            if space.distribution != "choice":
+                config[key] = space.nearest(config[key])
+        return config
 
     return explore

@@ -12,25 +12,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from freemesh_ray import config
+from freemesh_ray.errors import UserError
 from freemesh_ray.storage.atomic import replacing
-from freemesh_ray.training.run_folder import RunError
+from freemesh_ray.studies.definition import Study, load
+from freemesh_ray.training.run_folder import RunFolder
 
-#: What a trial can be. ``stopped``: by a scheduler, before its budget.
+
+class StudyError(UserError):
+    """A study that cannot begin, go on or be read; one line with its folder, what is wrong and the fix."""
+
+
+#: States of a trial. ``stopped``: by a scheduler, before its budget.
 STATUSES = ("pending", "running", "finished", "stopped", "failed")
-#: Of trials that are not run any more.
+#: States of trials that are not run any more.
 OVER = ("finished", "stopped", "failed")
 
 
 @dataclass
-class Entry:
-    """One trial in ``trials.json``.
+class TrialRecord:
+    """One trial as ``trials.json`` has it.
 
     Attributes:
         label, seed: which.
@@ -48,6 +53,11 @@ class Entry:
     settings: dict[str, Any] | None = None
     error: str | None = None
     shared: bool = False
+
+    @property
+    def name(self) -> str:
+        """Unique in its study; the same as the planned trial's."""
+        return self.label if self.settings else f"{self.label}-{self.seed}"
 
 
 @dataclass(frozen=True)
@@ -85,73 +95,98 @@ class StudyFolder:
         """Figures and tables."""
         return self.path / "report"
 
-    def claim(self, tree: dict[str, Any], resume: bool) -> None:
+    def study(self) -> Study:
+        """The study that was begun here.
+
+        Raises:
+            StudyError: there is none.
+            ConfigError: its file is not a study's.
+        """
+        if not self.definition.is_file():
+            there = sorted(path.parent.name for path in self.path.parent.glob("*/study.yaml"))
+            known = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are none"
+            raise StudyError(
+                f"{self.path}: no such study: {known} in {self.path.parent}; `freemesh study NAME` begins one"
+            )
+        return replace(load(self.definition), name=self.path.resolve().name)
+
+    def claim(self, study: Study, resume: bool) -> None:
         """Make the folder for a study, or take it up again.
 
         Raises:
-            RunError: it holds a study and ``resume`` is false, or another one, or it cannot be made.
+            StudyError: it holds a study and ``resume`` is false, or another one, or it cannot be made.
             ConfigError: what it holds is damaged.
         """
-        text = config.dump(tree)
         if self.definition.is_file():
             if not resume:
-                raise RunError(
+                raise StudyError(
                     f"{self.path} already holds a study: add --resume to go on, "
                     "or --set paths.studies=OTHER to begin anew"
                 )
-            if config.read_plain(self.definition) != yaml.safe_load(text):
-                raise RunError(
-                    f"{self.definition} was begun with other settings: go on with the same, "
+            before, now = self.study().tree(), study.tree()
+            changed = [
+                f"{part}.{key}"
+                for part in now
+                for key in before[part] | now[part]
+                if before[part].get(key) != now[part].get(key)
+            ]
+            if changed:
+                raise StudyError(
+                    f"{self.definition} was begun with other settings ({', '.join(changed)}): go on with the same, "
                     "or --set paths.studies=OTHER to begin another"
                 )
             return
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RunError(f"{self.path}: cannot be made ({error.strerror}): set paths.studies elsewhere") from error
+            raise StudyError(f"{self.path}: cannot be made ({error.strerror}): set paths.studies elsewhere") from error
         with replacing(self.definition) as draft:
-            draft.write_text(text)
+            draft.write_text(config.dump(study.tree()))
 
-    def write(self, entries: Sequence[Entry]) -> None:
+    def write(self, records: Sequence[TrialRecord]) -> None:
         """Write ``trials.json``."""
         with replacing(self.trials) as draft:
-            draft.write_text(json.dumps([asdict(entry) for entry in entries], indent=1))
+            draft.write_text(json.dumps([asdict(record) for record in records], indent=1))
 
-    def read(self) -> list[Entry]:
+    def read(self) -> list[TrialRecord]:
         """Read ``trials.json``; nothing where there is none.
 
         Raises:
-            RunError: it is damaged.
+            StudyError: it is damaged.
         """
         if not self.trials.is_file():
             return []
         try:
-            entries = [Entry(**entry) for entry in json.loads(self.trials.read_text(encoding="utf-8"))]
-            for entry in entries:
-                _check(entry)
-            return entries
+            records = [TrialRecord(**record) for record in json.loads(self.trials.read_text(encoding="utf-8"))]
+            for record in records:
+                _check(record)
+            return records
         except (OSError, ValueError, TypeError, RecursionError) as error:
             reason = ascii(str(error))[1:-1][:100]
-            raise RunError(
+            raise StudyError(
                 f"{self.trials}: is not a list of trials ({reason}): move the study's folder away"
             ) from error
 
+    def run_of(self, record: TrialRecord) -> RunFolder:
+        """The run folder of a trial."""
+        return RunFolder(self.path / record.run)
+
     def run_folders(self) -> list[Path]:
         """Where the trials lie; nothing where there is no study."""
-        return [self.path / entry.run for entry in self.read()]
+        return [self.run_of(record).path for record in self.read()]
 
 
-def _check(entry: Entry) -> None:
+def _check(record: TrialRecord) -> None:
     """Refuse what is no trial.
 
     Raises:
         ValueError: as said.
     """
-    kinds = {"label": str, "seed": int, "run": str, "status": str, "settings": dict | None, "error": str | None}
-    for name, kind in kinds.items():
-        if not isinstance(getattr(entry, name), kind):
-            raise ValueError(f"{name} is {str(getattr(entry, name))[:40]!r}")
-    if entry.status not in STATUSES:
-        raise ValueError(f"status {entry.status[:40]!r} is none of {', '.join(STATUSES)}")
-    if "\0" in entry.run:
+    types = {"label": str, "seed": int, "run": str, "status": str, "settings": dict | None, "error": str | None}
+    for name, accepted in types.items():
+        if not isinstance(getattr(record, name), accepted):
+            raise ValueError(f"{name} is {str(getattr(record, name))[:40]!r}")
+    if record.status not in STATUSES:
+        raise ValueError(f"status {record.status[:40]!r} is none of {', '.join(STATUSES)}")
+    if "\0" in record.run:
         raise ValueError("run is no path")

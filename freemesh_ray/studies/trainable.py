@@ -20,12 +20,12 @@ from freemesh_ray.training.job import deliver, tags
 from freemesh_ray.training.loop import Algorithm, Training
 from freemesh_ray.training.run_folder import RunFolder
 
-#: What says that a run folder's training came to its end, with its last figures; written last of all.
+#: Says that a run folder's training came to its end, and holds its last figures; the last file written.
 FINISHED = "finished.json"
 
 
 def finished(folder: RunFolder) -> dict[str, Any] | None:
-    """The last figures of a run folder whose training came to its end; None of any other, or where they are damaged."""
+    """The last figures of a training that came to its end; None where it did not, or where they are damaged."""
     try:
         figures = json.loads((folder.path / FINISHED).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -33,7 +33,7 @@ def finished(folder: RunFolder) -> dict[str, Any] | None:
     return figures if isinstance(figures, dict) else None
 
 
-class TrialRun(tune.Trainable):
+class TrialTrainable(tune.Trainable):
     """A training whose step is the way to its next evaluation."""
 
     def setup(
@@ -47,8 +47,8 @@ class TrialRun(tune.Trainable):
         """Begin a trial.
 
         Args:
-            config: as Tune drew it.
-            plan: what makes a trial of it.
+            config: as Tune gives it.
+            plan: from that to the trial.
             make: the algorithm's factory.
             study: its name, for the tracking store.
             parent: id of the study's run in the tracking store.
@@ -71,7 +71,7 @@ class TrialRun(tune.Trainable):
         self._training: Training | None = None
         self._run: Run | None = None
         self._figures = finished(trial.folder)
-        if self._figures is not None:  # its end was not yet in Tune's record when that was written last
+        if self._figures is not None:  # it ended after Tune last wrote its record
             return
         trial.folder.path.mkdir(parents=True, exist_ok=True)
         tracking = trial.config["tracking"]
@@ -143,7 +143,7 @@ class TrialRun(tune.Trainable):
 
 
 def _quiet() -> None:
-    """What Ray says in a trial's process is kept to what matters, and every process to one thread."""
+    """Keep a trial's process to one thread, and Ray's log in it to errors."""
     import torch
 
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

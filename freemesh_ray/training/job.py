@@ -7,7 +7,6 @@ The loop in brackets is `freemesh_ray.training.loop`.
 
 from __future__ import annotations
 
-import json
 import math
 import traceback
 from collections.abc import Callable, Iterator, Mapping
@@ -25,6 +24,7 @@ from freemesh_ray.config import ConfigError, dump, flatten
 from freemesh_ray.config import load as load_config
 from freemesh_ray.mesher import MeshingError, make
 from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.policies.evaluation import MODES, metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError, replacing
 from freemesh_ray.tracking import Run
@@ -274,11 +274,11 @@ def deliver(training: Training) -> list[Produced]:
 
 def draw_curve(folder: RunFolder) -> Path:
     """Draw the evaluation returns against env steps."""
-    rows = [json.loads(line) for line in folder.evaluations.read_text().splitlines()]
+    rows = folder.read_evaluations()
     series = {}
-    for kind in ("deterministic", "stochastic"):
-        key = f"eval_{kind}/return"
-        series[kind] = ([row["env_steps"] for row in rows], [row.get(key, math.nan) for row in rows])
+    for mode in MODES:
+        key = metric(mode, "return")
+        series[mode] = ([row["env_steps"] for row in rows], [row.get(key, math.nan) for row in rows])
     plots.draw_curves(
         series, folder.curve, xlabel="environment steps", ylabel="mean return of an evaluation episode",
         title="Evaluation return over all stages",

@@ -17,12 +17,12 @@ import numpy as np
 
 from envs.domains.load import source
 from freemesh_ray.config import ALGORITHMS, meshing_parameters
-from freemesh_ray.policies.evaluation import KINDS
+from freemesh_ray.policies.evaluation import COMPLETION, MODES, RETURN, metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.tracking import Run
 from freemesh_ray.tracking.provenance import provenance
-from freemesh_ray.training import checkpoint
+from freemesh_ray.training import checkpoint, metrics
 from freemesh_ray.training.run_folder import RunFolder
 
 #: Episodes that the running figures of the progress line are means of.
@@ -42,7 +42,7 @@ class Algorithm(Protocol):
         """One iteration; a result tree as RLlib's."""
 
     def evaluate(self) -> dict[str, Any]:
-        """Figures by kind (deterministic, stochastic) and domain."""
+        """Figures by mode (deterministic, stochastic) and domain."""
 
     def actor_weights(self) -> list[tuple[Any, Any]]:
         """Layers of the policy network."""
@@ -265,7 +265,12 @@ class Training:
             self.note(incident)
         self.algorithm.incidents.clear()
         self._recent.extend(self.algorithm.finished)
-        self._track(results, took, progress.updates - updates)
+        iteration = metrics.Iteration(
+            self.algorithm.curriculum.stage, progress.updates, progress.seconds, progress.updates - updates, took
+        )
+        figures = ALGORITHMS[self.config["algorithm"]].figures
+        values = metrics.of_iteration(iteration, self.algorithm.finished, results, figures)
+        self.run.metrics(values, step=progress.env_steps)
         self.algorithm.finished.clear()
         if self.algorithm.curriculum.name != stage:
             self.note(f"stage {stage} -> {self.algorithm.curriculum.name} at {progress.env_steps:,} steps")
@@ -288,28 +293,6 @@ class Training:
             seconds_left=max(0.0, left),
         )
 
-    def _track(self, results: dict[str, Any], took: float, updates: int) -> None:
-        values: dict[str, float] = {
-            "train/stage": self.algorithm.curriculum.stage,
-            "train/updates": self.progress.updates,
-            "train/seconds": self.progress.seconds,
-            "train/updates_per_second": updates / took,
-        }
-        ended = self.algorithm.finished
-        if ended:
-            values |= {
-                "train/return": float(np.mean([e.episode_return for e in ended])),
-                "train/completion_rate": float(np.mean([e.completed for e in ended])),
-                "train/episode_length": float(np.mean([e.length for e in ended])),
-                "train/elements": float(np.mean([e.elements for e in ended])),
-                "train/element_quality": float(np.mean([e.mean_eta for e in ended])),
-            }
-        learner = results.get("learners", {}).get("default_policy", {})
-        for name in ALGORITHMS[self.config["algorithm"]].figures:
-            if name in learner:
-                values[f"learner/{name}"] = float(learner[name])
-        self.run.metrics(values, step=self.progress.env_steps)
-
     def policy(self, **about: Any) -> Policy:
         """The policy as it is now."""
         layers = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.actor_weights()]
@@ -321,20 +304,20 @@ class Training:
         """Ten episodes (``evaluation.episodes``) on every stage, deterministic and stochastic; keep the best policy.
 
         The best is the one that completes most, over all stages and deterministically, and of those the one with the
-        highest return.
+        highest return; of equal ones the later.
         """
         found = self.algorithm.evaluate()
         values: dict[str, float] = {}
-        for kind in KINDS:
-            figures = [found[kind][stage] for stage in self._stages]
+        for mode in MODES:
+            figures = [found[mode][stage] for stage in self._stages]
             for stage, means in zip(self._stages, figures, strict=True):
-                values |= {f"eval_{kind}/{stage}/{name}": value for name, value in means.items()}
+                values |= {metric(mode, name, stage): value for name, value in means.items()}
             for name in figures[0]:
-                values[f"eval_{kind}/{name}"] = float(np.mean([means[name] for means in figures]))
+                values[metric(mode, name)] = float(np.mean([means[name] for means in figures]))
         self.progress.evaluated_at = self.progress.env_steps
         self.run.metrics(values, step=self.progress.env_steps)
         self._append({"env_steps": self.progress.env_steps, "seconds": round(self.progress.seconds, 1), **values})
-        score = [values["eval_deterministic/completion_rate"], values["eval_deterministic/return"]]
+        score = [values[COMPLETION], values[RETURN]]
         if self.progress.best is None or score >= self.progress.best:
             self.progress.best, self.progress.best_steps = score, self.progress.env_steps
             self.policy(env_steps=self.progress.env_steps, scores=values).save(self.folder.policy)

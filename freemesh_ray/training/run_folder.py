@@ -17,6 +17,7 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from freemesh_ray.errors import FAILED, UserError
 from freemesh_ray.storage.atomic import replacing
@@ -99,6 +100,14 @@ class RunFolder:
             raise RunError(f"{self.path}: cannot be written to: set paths.runs to another place")
         if not started:
             self.forget_after(-1)
+
+    def read_evaluations(self) -> list[dict[str, Any]]:
+        """One entry an evaluation, in the order of their steps; a damaged line, as a kill leaves it, is left out."""
+        try:
+            lines = self.evaluations.read_text(encoding="utf-8", errors="replace").splitlines()
+        except OSError:
+            return []
+        return [json.loads(line) for line in sorted(lines, key=evaluated_at) if math.isfinite(evaluated_at(line))]
 
     def forget_after(self, env_steps: int) -> None:
         """Drop the evaluations later than ``env_steps``: a run that goes on from there will make them again."""

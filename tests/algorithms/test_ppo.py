@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from curricula import curriculum
 from ray.rllib.core.columns import Columns
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
 from envs.domains.load import load
 from envs.types import MeshingParameters
 from envs.vector_env import MeshVectorEnv
-from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.ppo import PPO, PPOConfig
 from freemesh_ray.local_ray import local_ray
@@ -35,7 +35,7 @@ def make(runners: int = 0, **training: Any) -> PPO:
         "train_batch_size_per_learner": 160,
         "minibatch_size": 32,
         "num_epochs": 3,
-        "curriculum": Curriculum(("T1", "T2"), max_stage_steps=300),
+        "curriculum": curriculum("T1", "T2", max_stage_steps=300),
     } | training
     return (
         PPOConfig()
@@ -111,7 +111,7 @@ def test_rounds_are_counted_whole(runners: int) -> None:
 
 
 def test_episodes_are_put_together_from_the_pieces_of_several_rounds() -> None:
-    algorithm = make(curriculum=Curriculum(("T1",)))
+    algorithm = make(curriculum=curriculum("T1"))
     pieces: dict[str, list[tuple[int, float]]] = {}
     ended = []
     for _ in range(30):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from curricula import curriculum
 from ray.rllib.core.columns import Columns
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
@@ -18,7 +19,6 @@ from envs.domains.load import load
 from envs.types import MeshingParameters
 from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
-from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.sac import SAC, SACConfig
 from freemesh_ray.local_ray import local_ray
@@ -38,7 +38,7 @@ def make(runners: int = 0, seed: int = 3, **training: Any) -> SAC:
         "hidden": [16, 16],
         "train_batch_size_per_learner": 32,
         "replay_buffer_config": {"type": "EpisodeReplayBuffer", "capacity": 5000},
-        "curriculum": Curriculum(("T1", "T2"), promote_at=0.1, window=2),
+        "curriculum": curriculum("T1", "T2", promote_at=0.1, window=2),
     } | training
     return (
         SACConfig()
@@ -105,7 +105,7 @@ def test_from_checkpoint_brings_everything_back(tmp_path: Path) -> None:
 def test_a_checkpoint_of_other_stages_is_refused(tmp_path: Path) -> None:
     original = make()
     checkpoint.write(original, {}, tmp_path / "checkpoint")
-    other = make(curriculum=Curriculum(("T2",)))
+    other = make(curriculum=curriculum("T2"))
     with pytest.raises(checkpoint.CheckpointError, match="T1 -> T2"):
         checkpoint.hand_over(other, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     for algorithm in (original, other):

@@ -12,8 +12,8 @@ from freemesh_ray.cli import command
 from freemesh_ray.config.paths import HOME, JOB, STORE, Paths, shown
 from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.studies.definition import load
-from freemesh_ray.studies.plan import variants
-from freemesh_ray.studies.runner import plan_of
+from freemesh_ray.studies.plan import variant_plan
+from freemesh_ray.studies.runner import planned
 
 STUDY = {"study": {"title": "Two", "seeds": [1], "variants": {"near": {"learner.gamma": 0.9}, "far": None}}}
 
@@ -80,9 +80,9 @@ def test_a_trial_is_the_same_wherever_it_lies(here: Path, monkeypatch: pytest.Mo
     there = load(here / "two.yaml")
     assert study.settings_of_all()["paths"]["runs"] == str(here / "runs")
     assert there.settings_of_all()["paths"]["runs"] == "/elsewhere/runs"
-    assert plan_of(there)[0].path == Path("/elsewhere/studies/two")
+    assert planned(there)[0].path == Path("/elsewhere/studies/two")
     assert study.tree() == there.tree()
-    ours, theirs = variants(study, "source").trials, variants(there, "source").trials
+    ours, theirs = variant_plan(study, "source").trials, variant_plan(there, "source").trials
     assert [trial.folder.path.name for trial in ours.values()] == [trial.folder.path.name for trial in theirs.values()]
     assert {trial.folder.path.parent for trial in theirs.values()} == {Path("/elsewhere/runs")}
 

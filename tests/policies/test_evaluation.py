@@ -7,7 +7,16 @@ import pytest
 
 from envs.domains.load import from_rings, load
 from envs.types import MeshingParameters
-from freemesh_ray.policies.evaluation import run_episodes, summary
+from freemesh_ray.policies.evaluation import (
+    FIGURES,
+    METRICS,
+    MODES,
+    evaluate,
+    metric,
+    mode_and_figure,
+    run_episodes,
+    summary,
+)
 from freemesh_ray.policies.policy import Policy
 
 RING = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
@@ -53,6 +62,37 @@ def test_a_stuck_policy_is_truncated_with_nothing_but_penalties() -> None:
         "score": 0.0,
         "invalid": 100.0,
     }
+
+
+def test_figures_are_means_over_episodes_and_a_score_counts_completed_meshes_alone() -> None:
+    results = run_episodes(WILD, load("T1"), 20, stochastic=True, seed=1)
+    done = [result for result in results if result.completed]
+    assert 0 < len(done) < 20
+    assert summary(results) == {
+        "return": pytest.approx(sum(result.episode_return for result in results) / 20),
+        "completion_rate": len(done) / 20,
+        "elements": sum(len(result.mesh.quads) for result in results) / 20,
+        "element_quality": pytest.approx(sum(result.mean_eta for result in results) / 20),
+        "score": pytest.approx(sum(result.mean_eta for result in done) / 20),
+        "invalid": sum(result.invalid for result in results) / 20,
+    }
+    assert [result.score for result in results if not result.completed] == [0.0] * (20 - len(done))
+
+
+def test_an_evaluation_is_deterministic_and_stochastic() -> None:
+    domain = from_rings(RING)
+    found = evaluate(WILD, domain, 3, seed=5)
+    assert found == {
+        "deterministic": summary(run_episodes(WILD, domain, 3, stochastic=False, seed=5)),
+        "stochastic": summary(run_episodes(WILD, domain, 3, stochastic=True, seed=5)),
+    }
+    assert found["deterministic"] != found["stochastic"]
+
+
+def test_a_metric_s_name_has_its_mode_its_domain_and_its_figure() -> None:
+    assert metric("stochastic", "score", "T1") == "eval_stochastic/T1/score"
+    assert len(set(METRICS)) == len(MODES) * len(FIGURES)
+    assert all(metric(*mode_and_figure(name)) == name for name in METRICS)
 
 
 def test_counts_add_up() -> None:

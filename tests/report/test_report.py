@@ -11,25 +11,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from envs.domains.load import load
 from freemesh_ray.cli import command
+from freemesh_ray.config import ConfigError
 from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements, draw_settings
-from freemesh_ray.policies.evaluation import run_episodes
+from freemesh_ray.policies.evaluation import RETURN
+from freemesh_ray.report.against_paper import median_seed, paper_table
 from freemesh_ray.report.comparisons import outcomes
-from freemesh_ray.report.learning import RETURN, halfway, learnt
 from freemesh_ray.report.machine import machine, model
-from freemesh_ray.report.paper_table import median_seed, paper_table
 from freemesh_ray.report.report import write
-from freemesh_ray.report.results import ResultsError, read
-from freemesh_ray.report.search import ranked
-from freemesh_ray.report.transfer import Transfer, score, transfer
+from freemesh_ray.report.results import read
+from freemesh_ray.report.search import ranking
+from freemesh_ray.report.transfer import Transfer, transfer
+from freemesh_ray.report.variants import return_threshold, variant_results
 from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.statistics.curves import final_score
 from freemesh_ray.storage.atomic import OutputError
-from tests.recorded_study import SEEDS, algorithms, policy, rows, write_run, write_study
+from freemesh_ray.studies.study_folder import StudyError
+from tests.recorded_study import SEEDS, algorithms, rows, write_run, write_study
 
 SQUARE = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
 NOTHING = Transfer([], {}, {}, {})
@@ -94,6 +96,18 @@ def test_a_report_says_what_the_paper_says_and_what_came_out(finished: Path):
     assert "nowhere.json: " in text
 
 
+def test_a_study_of_one_s_own_is_not_said_to_be_the_paper_s(small: Path):
+    text = write(small).read_text()
+    assert "## What the paper expects" in text
+    path = small / "study.yaml"
+    tree = yaml.safe_load(path.read_text())
+    del tree["study"]["paper"]
+    path.write_text(yaml.safe_dump(tree))
+    text = write(small).read_text()
+    assert "## What was expected" in text
+    assert "paper" not in text
+
+
 def test_every_picture_is_there_in_both_formats_and_is_linked(finished: Path):
     for folder, text in ((finished / "report", "report.md"), (finished.parent / "docs", "algorithms.md")):
         linked = re.findall(r"!\[.+\]\((.+)\)", (folder / text).read_text())
@@ -132,8 +146,8 @@ def test_a_final_figure_is_the_mean_of_the_last_evaluations(finished: Path):
 def test_curves_lie_in_their_bands_within_the_seeds(finished: Path):
     results = read(finished)
     drawn = lines(finished / "report" / "curves.csv")
-    assert {line["variant"] for line in drawn} == set(results.variants)
-    for label in results.variants:
+    assert {line["variant"] for line in drawn} == set(results.labels)
+    for label in results.labels:
         own = [line for line in drawn if line["variant"] == label and line["figure"] == RETURN]
         steps = np.array([float(line["env_steps"]) for line in own])
         seeds = [trial.curve(RETURN) for trial in results.of(label)]
@@ -245,37 +259,29 @@ def test_evaluations_cut_short_by_a_kill_and_a_policy_that_is_missing(small: Pat
 
 
 def test_the_threshold_is_half_the_best_or_midway_to_it(small: Path):
-    variants = learnt(read(small))
-    best = max(float(variant.final.value) for variant in variants)
+    variants = variant_results(read(small))
+    best = max(float(variant.final_return.value) for variant in variants)
     first = np.mean([trial.curve(RETURN)[1][0] for variant in variants for trial in variant.used])
-    assert halfway(variants) == pytest.approx(0.5 * (best if best > 0 else first + best))
-    curve, each = variants[0].steps_to(halfway(variants))
+    assert return_threshold(variants) == pytest.approx(0.5 * (best if best > 0 else first + best))
+    curve, each = variants[0].steps_to(return_threshold(variants))
     assert curve is not None
     assert min(step for step in each if step) <= curve <= max(step for step in each if step)
-    assert math.isnan(halfway([]))
+    assert math.isnan(return_threshold([]))
 
 
 def test_the_order_of_the_trials_changes_no_figure(small: Path):
-    before = learnt(read(small))
+    before = variant_results(read(small))
     path = small / "trials.json"
     path.write_text(json.dumps(json.loads(path.read_text())[::-1]))
-    for one, other in zip(before, learnt(read(small)), strict=True):
+    for one, other in zip(before, variant_results(read(small)), strict=True):
         assert one.label == other.label
-        assert float(one.final.value) == pytest.approx(float(other.final.value))
-        np.testing.assert_allclose(one.bands[RETURN].centre.value, other.bands[RETURN].centre.value)
-
-
-def test_a_score_is_the_quality_where_completed():
-    results = run_episodes(policy(0), load("T1"), 20, stochastic=True, seed=1)
-    assert any(result.completed for result in results)
-    assert not all(result.completed for result in results)
-    expected = np.mean([result.mean_eta if result.completed else 0.0 for result in results])
-    assert score(results) == pytest.approx(expected)
+        assert float(one.final_return.value) == pytest.approx(float(other.final_return.value))
+        np.testing.assert_allclose(one.bands[RETURN].iqm.value, other.bands[RETURN].iqm.value)
 
 
 def test_verdicts_follow_the_returns(small: Path):
     results = read(small)
-    (outcome,) = outcomes(results.expects, learnt(results), NOTHING)
+    (outcome,) = outcomes(results.study.expects, variant_results(results), NOTHING)
     assert str(outcome.verdict) == "confirmed"
     assert outcome.comparison is not None
     assert outcome.comparison.chance == pytest.approx(1 / 20)
@@ -294,9 +300,9 @@ def test_density_is_set_beside_the_papers_figures_with_the_median_seed(tmp_path:
         return density(policies, domain, 1)
 
     results = read(folder)
-    variants = learnt(results)
+    variants = variant_results(results)
     policies = transfer(results.trials, [], 1).policies
-    monkeypatch.setattr("freemesh_ray.report.paper_table.density", table)
+    monkeypatch.setattr("freemesh_ray.report.against_paper.density", table)
     text = paper_table(variants, policies)
     assert [made.parameters.upsilon for made in asked.values()] == [0.5, 1.0]
     finals = dict(zip([trial.seed for trial in variants[0].used], variants[0].finals[RETURN], strict=True))
@@ -308,24 +314,25 @@ def test_density_is_set_beside_the_papers_figures_with_the_median_seed(tmp_path:
 
 def test_other_studies_have_no_table_of_the_paper(small: Path):
     results = read(small)
-    assert paper_table(learnt(results), transfer(results.trials, [], 1).policies) == ""
+    assert paper_table(variant_results(results), transfer(results.trials, [], 1).policies) == ""
 
 
 # ---- a search --------------------------------------------------------------------------------------------------------
 
 
-def search(folder: Path, default: bool = True) -> Path:
+def search(folder: Path, default: bool = True, best: float = 50.0, metric: str = RETURN) -> Path:
     """Trials of learning rate and width; the return falls with the distance of the rate from 1e-3."""
     trials = []
     rates = [1e-4, 3e-4 if default else 2e-4, 1e-3, 3e-3, 1e-2]
     for i, rate in enumerate(rates):
-        found = np.full(8, 50.0 - 10.0 * abs(math.log10(rate) + 3))
+        found = np.full(8, best - 10.0 * abs(math.log10(rate) + 3))
         write_run(folder / f"t{i}", rows(10_000 * np.arange(1, 9), found), None, [f"learner.learning_rate={rate}"])
         trials.append({"label": f"t{i}", "seed": 1, "run": f"t{i}", "status": "finished", "error": None,
                        "settings": {"learner.learning_rate": rate, "learner.hidden": [128, 128, 128]}})  # fmt: skip
     trials.append({"label": "t9", "seed": 1, "run": "t9", "status": "failed", "error": "out of memory",
                    "settings": {"learner.learning_rate": 0.1, "learner.hidden": [64]}})  # fmt: skip
-    about = {"title": "Which learning rate", "search": {"samples": 6}, "seeds": [1]}
+    space = {"learner.learning_rate": {"log": [1e-5, 1.0]}, "learner.hidden": {"choice": [[128, 128, 128], [64]]}}
+    about = {"title": "Which learning rate", "search": {"trials": 6, "space": space}, "seeds": [1], "metric": metric}
     return write_study(folder, about, trials)
 
 
@@ -342,9 +349,18 @@ def test_a_search_is_ranked_with_the_defaults_place(tmp_path: Path):
     assert (tmp_path / "docs" / "rates-settings.png").is_file()
 
 
+@pytest.mark.parametrize("metric", [RETURN, "eval_stochastic/element_quality"])
+def test_a_search_that_completed_nothing_recommends_nothing(tmp_path: Path, metric: str):
+    text = write(search(tmp_path / "rates", best=-20.0, metric=metric)).read_text()
+    assert "No trial completed a mesh in its last 5 evaluations" in text
+    assert "best settings" not in text
+    assert "The best of" not in text
+    assert len(lines(tmp_path / "rates" / "report" / "trials.csv")) == 5
+
+
 def test_a_search_without_the_default_says_so(tmp_path: Path):
     folder = search(tmp_path / "rates", default=False)
-    assert ranked(read(folder)).default is None
+    assert not any(trial.default for trial, _ in ranking(read(folder)))
     assert "None of them has the default settings." in write(folder).read_text()
 
 
@@ -412,11 +428,19 @@ def test_an_unknown_study_is_one_line_with_what_is_there(small: Path, capsys):
     ("file", "text", "told"),
     [
         ("study.yaml", "[", "not valid YAML"),
-        ("study.yaml", "settings: {}", "has no section study"),
-        ("study.yaml", "study: {seeds: [a]}", "is not a study's"),
-        ("study.yaml", "study: {variants: [A]}", "is not a study's"),
-        ("study.yaml", "study: {expects: [A > C]}", "'A > C': write A > B"),
-        ("study.yaml", "study: {expects: [A = B]}", "'A = B': write A > B"),
+        ("study.yaml", "settings: {}", "has no part `study`"),
+        ("study.yaml", "study: {seeds: [a]}", "study.seeds: must be a list"),
+        ("study.yaml", "study: {variants: [A]}", "study.variants: must be keys"),
+        (
+            "study.yaml",
+            "study: {title: T, seeds: [1], variants: {A: }, expects: [A > C]}",
+            "'A > C': write LABEL > LABEL",
+        ),
+        (
+            "study.yaml",
+            "study: {title: T, seeds: [1], variants: {A: }, expects: [A = B]}",
+            "'A = B': write LABEL > LABEL",
+        ),
         ("trials.json", "{", "is not a list of trials"),
         ("trials.json", "[1]", "is not a list of trials"),
         ("trials.json", '[{"label": "A", "seed": 1, "run": "r", "status": "lost"}]', "status 'lost' is none of"),
@@ -425,7 +449,7 @@ def test_an_unknown_study_is_one_line_with_what_is_there(small: Path, capsys):
 )
 def test_what_is_wrong_is_one_line_with_the_file(small: Path, file: str, text: str, told: str):
     (small / file).write_text(text)
-    with pytest.raises(ResultsError) as caught:
+    with pytest.raises((ConfigError, StudyError)) as caught:
         write(small)
     assert str(small / file) in str(caught.value)
     assert told in str(caught.value)

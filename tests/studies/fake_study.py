@@ -16,7 +16,7 @@ import numpy as np
 from envs.domains.load import load
 from envs.types import MeshingParameters
 from freemesh_ray.algorithms.curriculum import Curriculum
-from freemesh_ray.policies.evaluation import KINDS, run_episodes, summary
+from freemesh_ray.policies.evaluation import evaluate
 from freemesh_ray.policies.policy import Policy
 
 
@@ -31,7 +31,7 @@ class Fake:
     def __init__(self, config: Mapping[str, Any]) -> None:
         self.config = config
         self.env_steps = self.updates = 0
-        self.curriculum = Curriculum(("T1",))
+        self.curriculum = Curriculum(**{**config["curriculum"], "stages": ("T1",)})
         self.finished: list[Any] = []
         self.incidents: list[str] = []
         say("begin", self.name)
@@ -58,11 +58,8 @@ class Fake:
 
     def evaluate(self) -> dict[str, Any]:
         policy = Policy(self.actor_weights(), MeshingParameters())
-        seed = self.config["seed"] + self.env_steps
-        return {
-            kind: {"T1": summary(run_episodes(policy, load("T1"), 2, stochastic=kind == "stochastic", seed=seed))}
-            for kind in KINDS
-        }
+        figures = evaluate(policy, load("T1"), 2, self.config["seed"] + self.env_steps)
+        return {mode: {"T1": of_mode} for mode, of_mode in figures.items()}
 
     def get_state(self) -> dict[str, Any]:
         return {"env_steps": self.env_steps, "updates": self.updates}

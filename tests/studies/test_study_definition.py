@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import MISSING, fields
 from pathlib import Path
 
 import pytest
 import yaml
+from checkout import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,10 +16,9 @@ from freemesh_ray import config
 from freemesh_ray.cli.command import main
 from freemesh_ray.config import SCHEMA, SHORTHANDS, ConfigError
 from freemesh_ray.studies import plan
-from freemesh_ray.studies.definition import load, shipped
+from freemesh_ray.studies.definition import KEYS, SEARCH_KEYS, Search, Study, load, shipped
 from freemesh_ray.studies.runner import merged
-from freemesh_ray.studies.study_folder import Entry
-from freemesh_ray.training.run_folder import RunError
+from freemesh_ray.studies.study_folder import StudyError, StudyFolder, TrialRecord
 
 STUDIES = {
     "algorithms": 12, "domains": 12, "networks": 12, "seeds": 5, "observation": 9, "radius": 9, "density": 18,
@@ -53,7 +55,7 @@ def test_a_shipped_study_is_whole(name: str):
     assert study.finding
     assert study.paper
     if study.search is None:
-        trials = plan.variants(study, "a source").trials
+        trials = plan.variant_plan(study, "a source").trials
         assert len(trials) == STUDIES[name]
         assert len({str(trial.folder.path) for trial in trials.values()}) == STUDIES[name]
         assert {seed for _, seed in ((t.label, t.seed) for t in trials.values())} >= {356, 567, 999}
@@ -62,7 +64,9 @@ def test_a_shipped_study_is_whole(name: str):
 def test_the_default_training_is_the_same_run_in_every_study_of_the_paper():
     default = {"algorithms": "SAC", "domains": "T1", "networks": "S2", "seeds": "A", "observation": "O2",
                "radius": "R2", "density": "medium"}  # fmt: skip
-    runs = {plan.variants(load(name), "a source").trials[f"{label}-356"].folder.path for name, label in default.items()}
+    runs = {
+        plan.variant_plan(load(name), "a source").trials[f"{label}-356"].folder.path for name, label in default.items()
+    }
     assert len(runs) == 1
 
 
@@ -73,7 +77,32 @@ def test_a_search_begins_with_the_study_s_own_settings():
         point = plan.default_point(study)
         assert set(point) == set(study.search.space)
         given_ = {**point, "something": "else"}
-        assert plan.Drawn(study, Path("runs")).trial(given_, "a1b2_00000").label == plan.DEFAULT
+        assert plan.SearchPlan(study, Path("runs")).trial(given_, "a1b2_00000").label == plan.DEFAULT
+
+
+def test_a_setting_that_is_a_list_can_be_searched(tmp_path: Path):
+    space = "learner.hidden: {choice: [[64, 64], [128, 128, 128]]}"
+    study = load(written(SEARCH.replace("learner.gamma: {uniform: [0.9, 0.99]}", space), tmp_path))
+    search = plan.SearchPlan(study, tmp_path)
+    default, other = search.trial(plan.default_point(study), "a"), search.trial({"learner.hidden": (64, 64)}, "b")
+    assert (default.label, other.label) == (plan.DEFAULT, "b")
+    assert [trial.config["learner"]["hidden"] for trial in (default, other)] == [[128, 128, 128], [64, 64]]
+
+
+def test_the_documents_have_every_key_with_its_default():
+    rows = re.findall(r"^\| `(\w+)` \| .+? \| (.*) \|$", (ROOT / "docs" / "studies.md").read_text(), re.MULTILINE)
+    written_down = {name: text.strip("`").replace(",", "") for name, text in rows}
+    expected = {"title": "must be given", "space": "must be given", "trials": "must be given"}
+    expected |= {"variants": "this or `search", "search": "this or `variants"}
+    for keys, kind in ((KEYS, Study), (SEARCH_KEYS, Search)):
+        defaults = {field.name: field.default for field in fields(kind) if field.name in keys}
+        assert set(defaults) == set(keys)
+        expected |= {
+            name: f"{value:g}" if isinstance(value, int | float) else str(value or "none")
+            for name, value in defaults.items()
+            if value is not MISSING
+        }
+    assert written_down == expected
 
 
 # ---- what is refused -------------------------------------------------------------------------------------------------
@@ -192,7 +221,7 @@ def test_a_run_s_identity_is_all_that_decides_its_result(key: str):
         changed[section][name] = value if flat[key] != value else "yet another"
     same = plan.identity(changed, "source") == plan.identity(tree, "source")
     others = ("td3.", "ddpg.", "ppo.")  # the tree is sac's
-    assert same == key.startswith(plan.INDIFFERENT + others)
+    assert same == key.startswith(plan.OUTSIDE_IDENTITY + others)
 
 
 def test_another_source_is_another_run():
@@ -208,12 +237,33 @@ def test_a_variant_s_settings_win_over_the_study_s(tmp_path: Path):
     assert study.trial_config("one", 3)["seed"] == 3
 
 
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (("seeds: [1, 2]", "seeds: [1, 2, 3]"), "study.seeds"),
+        (("    one:\n", "    one:\n    three:\n"), "study.variants"),
+        (("env_steps: 1000", "env_steps: 2000"), "settings.budget.env_steps"),
+    ],
+)
+def test_going_on_with_another_study_names_what_differs(change: tuple[str, str], named: str, tmp_path: Path):
+    folder = StudyFolder(tmp_path / "studies" / "mine")
+    study = load(written(GOOD, tmp_path))
+    folder.claim(study, resume=False)
+    folder.claim(study, resume=True)
+    assert folder.study().tree() == study.tree()
+    assert folder.study().name == "mine"
+    with pytest.raises(StudyError, match=rf"other settings \({named}\)"):
+        folder.claim(load(written(GOOD.replace(*change), tmp_path)), resume=True)
+    with pytest.raises(StudyError, match="add --resume"):
+        folder.claim(study, resume=False)
+
+
 def test_a_study_goes_on_with_its_trials_as_they_were_left():
-    def entries(*statuses: str, source: str = "a") -> list[Entry]:
-        return [Entry("one", i, f"../../runs/trial-{source}{i}", status) for i, status in enumerate(statuses)]
+    def entries(*statuses: str, source: str = "a") -> list[TrialRecord]:
+        return [TrialRecord("one", i, f"../../runs/trial-{source}{i}", status) for i, status in enumerate(statuses)]
 
     left = merged(entries("finished", "finished", "pending"), entries("running", "pending", "failed"))
     assert [entry.status for entry in left] == ["finished", "finished", "failed"]
     assert [entry.shared for entry in left] == [False, True, False]  # the first is its own, the second another's
-    with pytest.raises(RunError, match="one-0: was begun from another commit"):
+    with pytest.raises(StudyError, match="one-0: was begun from another commit"):
         merged(entries("pending", source="b"), entries("running"))

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from curricula import curriculum
 
 from envs.domains.load import load
 from envs.types import MeshingParameters
 from freemesh_ray import config
-from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.env_runner import Episode
-from freemesh_ray.policies.evaluation import run_episodes, summary
+from freemesh_ray.policies.evaluation import evaluate
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.tracking import Run
 from freemesh_ray.training import checkpoint
@@ -30,7 +30,7 @@ class Fake:
 
     def __init__(self, interrupt_at: int | None = None) -> None:
         self.env_steps = self.updates = 0
-        self.curriculum = Curriculum(("T1",))
+        self.curriculum = curriculum("T1")
         self.finished: list[Any] = []
         self.interrupt_at = interrupt_at
         self.incidents: list[str] = []
@@ -54,10 +54,7 @@ class Fake:
 
     def evaluate(self) -> dict[str, Any]:
         policy = Policy(self.actor_weights(), MeshingParameters())
-        return {
-            kind: {"T1": summary(run_episodes(policy, load("T1"), 2, stochastic=kind == "stochastic", seed=0))}
-            for kind in ("deterministic", "stochastic")
-        }
+        return {mode: {"T1": figures} for mode, figures in evaluate(policy, load("T1"), 2, seed=0).items()}
 
     def get_state(self) -> dict[str, Any]:
         self.saved += 1
@@ -211,6 +208,15 @@ def test_the_best_policy_is_the_one_that_completes_most(settings: dict[str, Any]
     training.progress.best = [-1.0, 0.0]
     training.evaluate()
     assert training.progress.best_steps == 200
+
+
+def test_of_two_equally_good_policies_the_later_is_kept(settings: dict[str, Any], tmp_path: Path) -> None:
+    training = Training(Fake(), settings, _folder(tmp_path), _no_tracking(tmp_path))
+    training.folder.claim(resume=False)
+    for env_steps in (100, 200):
+        training.progress.env_steps = env_steps
+        training.evaluate()
+        assert Policy.load(training.folder.policy).about["env_steps"] == training.progress.best_steps == env_steps
 
 
 def test_a_checkpoint_cut_short_is_not_seen(tmp_path: Path) -> None:

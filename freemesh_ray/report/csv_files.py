@@ -1,4 +1,4 @@
-"""The report's numbers as CSV: everything that is in a table or a picture, unrounded."""
+"""The report's CSV files: the numbers of every table and picture, unrounded."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 
 from envs.types import Floats
 from freemesh_ray.report.comparisons import Comparison
-from freemesh_ray.report.learning import FINALS, Learning
 from freemesh_ray.report.transfer import Transfer
+from freemesh_ray.report.variants import FINALS, VariantResult
 from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.storage.atomic import replacing
 
@@ -34,25 +34,25 @@ def _cell(value: Any) -> Any:
     return "" if missing else value
 
 
-def curves(path: Path, variants: Sequence[Learning]) -> Path:
+def curves(path: Path, variants: Sequence[VariantResult]) -> Path:
     """Write every curve: the interquartile mean with its interval at every step."""
     rows = [
-        [variant.label, figure, len(band.seeds), *point]
+        [variant.label, metric, len(band.seeds), *point]
         for variant in variants
-        for figure, band in variant.bands.items()
-        for point in zip(band.steps.tolist(), *(line.tolist() for line in band.centre), strict=True)
+        for metric, band in variant.bands.items()
+        for point in zip(band.steps.tolist(), *(line.tolist() for line in band.iqm), strict=True)
     ]
     return write(path, ["variant", "figure", "seeds", "env_steps", "iqm", "low", "high"], rows)
 
 
-def finals(path: Path, variants: Sequence[Learning], threshold: float) -> Path:
+def finals(path: Path, variants: Sequence[VariantResult], threshold: float) -> Path:
     """Write every trial's final figures and when it reached the threshold."""
     rows = []
     for variant in variants:
         _, reached = variant.steps_to(threshold)
         areas = variant.mean_over_training().tolist()
         for i, trial in enumerate(variant.used):
-            last = [float(variant.finals[figure][i]) for figure in FINALS]
+            last = [float(variant.finals[metric][i]) for metric in FINALS]
             rows.append([variant.label, trial.seed, trial.status, trial.env_steps, *last, areas[i], reached[i]])
     header = ["variant", "seed", "status", "env_steps", *FINALS, "mean_return_over_training", f"steps_to_{threshold:g}"]
     return write(path, header, rows)
@@ -62,7 +62,7 @@ def domains(path: Path, transfer: Transfer) -> Path:
     """Write every policy's figures on every domain."""
     names = list(next(iter(transfer.figures.values()), {}))
     rows = [[*key, *(figures[name] for name in names)] for key, figures in transfer.figures.items()]
-    return write(path, ["variant", "seed", "domain", "kind", *names], rows)
+    return write(path, ["variant", "seed", "domain", "mode", *names], rows)
 
 
 def profiles(path: Path, thresholds: Floats, found: Mapping[str, Interval]) -> Path:

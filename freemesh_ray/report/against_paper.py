@@ -1,4 +1,4 @@
-"""The paper's own tables for studies whose variants are the paper's, by their names."""
+"""The paper's own tables, measured with the policies of a study whose variants have the paper's names."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from envs.domains.load import load
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.paper_tables.observation import observation
 from freemesh_ray.paper_tables.published import published
+from freemesh_ray.policies.evaluation import RETURN
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.report.learning import RETURN, Learning
+from freemesh_ray.report.variants import VariantResult
 
 #: The paper's test: ten repetitions on T1.
 DOMAIN, EPISODES = "T1", 10
@@ -20,23 +21,19 @@ SEED = (
 )
 
 
-def paper_table(variants: Sequence[Learning], policies: Mapping[tuple[str, int], Policy]) -> str:
+def paper_table(variants: Sequence[VariantResult], policies: Mapping[tuple[str, int], Policy]) -> str:
     """The observation or density table, measured with the trained policies; empty when the study is neither."""
-    labels = {variant.label for variant in variants}
-    makers = {observation: set(published("observation")) - {"source"}, density: set(published("density")["upsilon"])}
-    for maker, known in makers.items():
-        chosen = {
-            variant.label: policies[variant.label, seed]
-            for variant in variants
-            if (seed := median_seed(variant, policies)) is not None
-        }
-        if labels <= known and chosen:
-            seeds = ", ".join(f"{label} {median_seed(v, policies)}" for v in variants if (label := v.label) in chosen)
-            return f"{maker(chosen, load(DOMAIN), EPISODES).strip()}\n\n{SEED}: {seeds}."
+    seeds = {variant.label: median_seed(variant, policies) for variant in variants}
+    chosen = {label: seed for label, seed in seeds.items() if seed is not None}
+    tables = {observation: set(published("observation")) - {"source"}, density: set(published("density")["upsilon"])}
+    for table, labels in tables.items():
+        if set(seeds) <= labels and chosen:
+            text = table({key[0]: policies[key] for key in chosen.items()}, load(DOMAIN), EPISODES)
+            return f"{text.strip()}\n\n{SEED}: {', '.join(f'{label} {seed}' for label, seed in chosen.items())}."
     return ""
 
 
-def median_seed(variant: Learning, policies: Mapping[tuple[str, int], Policy]) -> int | None:
+def median_seed(variant: VariantResult, policies: Mapping[tuple[str, int], Policy]) -> int | None:
     """The seed of the median final return among those that left a policy; None without any."""
     scored = zip(variant.finals[RETURN], variant.used, strict=True)
     ranked = sorted((score, trial.seed) for score, trial in scored if (variant.label, trial.seed) in policies)

@@ -1,18 +1,19 @@
-"""Figures as a report prints them."""
+"""How a report prints numbers and names."""
 
 from __future__ import annotations
 
 import math
 
 from envs.types import Floats
+from freemesh_ray.policies.evaluation import DETERMINISTIC, mode_and_figure
 from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.statistics.curves import mean_and_deviation
 
 
 def final(metric: str) -> str:
     """A metric's final value: ``final return``, ``final stochastic score``."""
-    kind, _, figure = metric.removeprefix("eval_").partition("/")
-    return f"final {'' if kind == 'deterministic' else kind + ' '}{figure.replace('_', ' ')}"
+    mode, figure = mode_and_figure(metric)
+    return f"final {'' if mode == DETERMINISTIC else mode + ' '}{figure.replace('_', ' ')}"
 
 
 def spread(values: Floats, form: str) -> str:

@@ -1,4 +1,4 @@
-"""How every variant learnt: its seeds' curves with their band, and the figures of their ends."""
+"""What came of every variant: its seeds' learning curves with their band, and the figures of their ends."""
 
 from __future__ import annotations
 
@@ -9,66 +9,63 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.types import Floats
-from freemesh_ray.report.results import RETURN, Results, Trial
+from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, QUALITY, RETURN, STOCHASTIC_RETURN
+from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.statistics.bootstrap import Interval, stratified_interval
 from freemesh_ray.statistics.curves import aligned, final_score, mean_over_training, steps_to
 from freemesh_ray.statistics.interquartile import interquartile_mean_of_runs
 
-STOCHASTIC = "eval_stochastic/return"
-COMPLETION = "eval_deterministic/completion_rate"
-QUALITY, ELEMENTS = "eval_deterministic/element_quality", "eval_deterministic/elements"
-
-#: Figures that have a curve each, in the order of tables.
-CURVES = (RETURN, STOCHASTIC, COMPLETION)
-#: Figures that have a final value each.
+#: Metrics that have a curve each, in the order of tables.
+CURVES = (RETURN, STOCHASTIC_RETURN, COMPLETION)
+#: Metrics that have a final value each.
 FINALS = (*CURVES, QUALITY, ELEMENTS)
 
 
 @dataclass(frozen=True)
 class Band:
-    """A figure over training.
+    """A metric over training.
 
     Attributes:
         steps: (t,) env steps that all seeds cover.
         seeds: (n, t) values there.
-        centre: (t,) interquartile mean over the seeds with its bootstrap interval; t may be 0.
+        iqm: (t,) interquartile mean over the seeds with its bootstrap interval; t may be 0.
     """
 
     steps: Floats
     seeds: Floats
-    centre: Interval
+    iqm: Interval
 
 
 @dataclass(frozen=True)
-class Learning:
+class VariantResult:
     """One variant.
 
     Attributes:
         label: its name.
         trials: all of them.
         used: those that its figures are of: the finished ones, or before there is one those with an evaluation.
-        bands: figure -> its curve.
-        finals: figure -> (n,) each seed's mean over its last evaluations, in the order of ``used``.
-        metric: the figure that the study's variants are judged by.
+        bands: metric -> its curve.
+        finals: metric -> (n,) each seed's mean over its last evaluations, in the order of ``used``.
+        metric: what the study's variants are judged by.
     """
 
     label: str
-    trials: Sequence[Trial]
-    used: Sequence[Trial]
+    trials: Sequence[TrialResult]
+    used: Sequence[TrialResult]
     bands: dict[str, Band]
     finals: dict[str, Floats]
     metric: str
 
     @property
-    def judged(self) -> Floats:
+    def final_metric(self) -> Floats:
         """(n,) the seeds' finite final values of the metric."""
         values = self.finals[self.metric]
         return values[np.isfinite(values)]
 
     @property
-    def final(self) -> Interval:
+    def final_return(self) -> Interval:
         """Interquartile mean of the seeds' final returns with its interval; NaN before the first evaluation."""
-        return centre(self.finals[RETURN])
+        return iqm_interval(self.finals[RETURN])
 
     @property
     def provisional(self) -> bool:
@@ -88,20 +85,20 @@ class Learning:
         """Env steps until the curve of all seeds, and that of each, first reaches a return; None for never."""
         band = self.bands[RETURN]
         each = [steps_to(*trial.curve(RETURN), threshold) for trial in self.used]
-        return steps_to(band.steps, band.centre.value, threshold), each
+        return steps_to(band.steps, band.iqm.value, threshold), each
 
 
-def learnt(results: Results) -> list[Learning]:
+def variant_results(results: Results) -> list[VariantResult]:
     """Every variant in the study's order; the same intervals every time."""
-    return [_learning(label, results.of(label), results.metric) for label in results.variants]
+    return [_result(label, results.of(label), results.study.metric) for label in results.labels]
 
 
-def _learning(label: str, trials: Sequence[Trial], metric: str) -> Learning:
+def _result(label: str, trials: Sequence[TrialResult], metric: str) -> VariantResult:
     begun = [trial for trial in trials if trial.evaluations and trial.status != "failed"]
     used = [trial for trial in begun if trial.finished] or begun
-    bands = {figure: band([trial.curve(figure) for trial in used]) for figure in CURVES}
-    finals = {figure: np.array([final_score(trial.curve(figure)[1]) for trial in used]) for figure in {*FINALS, metric}}
-    return Learning(label, trials, used, bands, finals, metric)
+    bands = {name: band([trial.curve(name) for trial in used]) for name in CURVES}
+    finals = {name: np.array([final_score(trial.curve(name)[1]) for trial in used]) for name in {*FINALS, metric}}
+    return VariantResult(label, trials, used, bands, finals, metric)
 
 
 def band(curves: Sequence[tuple[Floats, Floats]]) -> Band:
@@ -114,7 +111,7 @@ def band(curves: Sequence[tuple[Floats, Floats]]) -> Band:
     return Band(steps, seeds, stratified_interval(seeds.T[:, :, None], interquartile_mean_of_runs))
 
 
-def centre(scores: Floats) -> Interval:
+def iqm_interval(scores: Floats) -> Interval:
     """The interquartile mean of the finite scores, (n,) or (n, m), with its interval; NaN when there are none."""
     scores = scores[:, None] if scores.ndim == 1 else scores
     scores = scores[np.isfinite(scores).all(axis=1)]
@@ -124,13 +121,13 @@ def centre(scores: Floats) -> Interval:
     return stratified_interval(scores, interquartile_mean_of_runs)
 
 
-def halfway(variants: Sequence[Learning]) -> float:
-    """The return that sample efficiency is measured at: half the best variant's final interquartile mean.
+def return_threshold(variants: Sequence[VariantResult]) -> float:
+    """The return at which sample efficiency is measured: half the best variant's final interquartile mean.
 
     Where that is not above 0, midway to it from the mean of all seeds' first evaluations; NaN without any.
     """
     first = [float(trial.curve(RETURN)[1][0]) for variant in variants for trial in variant.used]
     if not first:
         return math.nan
-    best = max(float(variant.final.value) for variant in variants if variant.used)
+    best = max(float(variant.final_return.value) for variant in variants if variant.used)
     return 0.5 * (best + (0.0 if best > 0.0 else float(np.mean(first))))
