@@ -8,6 +8,7 @@ from typing import Any
 
 from freemesh_ray.cli.arguments import add_command, note, whole
 from freemesh_ray.config.paths import Paths, shown
+from freemesh_ray.report import EPISODES
 
 EPILOG = """\
 examples:
@@ -31,8 +32,8 @@ def add(commands: Any) -> None:
     report.add_argument("--studies", default="studies", metavar="FOLDER", help="where the studies lie (studies)")
     report.add_argument("--out", metavar="FOLDER", help="where the report is written (STUDIES/NAME/report)")
     report.add_argument("--docs", metavar="FOLDER", help="write the main parts as NAME.md with pictures, too")
-    report.add_argument("--episodes", type=whole(1, 1000), default=10, metavar="N",
-                        help="of each policy on each domain, deterministic and again stochastic (10)")  # fmt: skip
+    report.add_argument("--episodes", type=whole(1, 1000), default=EPISODES, metavar="N",
+                        help="of each policy on each domain, in either mode (%(default)s)")  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:

@@ -147,6 +147,8 @@ def _trials(study: Study) -> str:
 
 def _closing(result: StudyResult, study: Study) -> str:
     """What came of it."""
+    from freemesh_ray.policies.evaluation import metric, mode_and_figure
+
     by_status: dict[str, list[TrialRecord]] = {}
     for record in result.records:
         by_status.setdefault(record.status, []).append(record)
@@ -154,7 +156,10 @@ def _closing(result: StudyResult, study: Study) -> str:
     lines += [f"failed: {record.name}: {record.error}" for record in by_status.get("failed", [])]
     if result.best is not None:
         best = result.best
-        lines.append(f"best    {best.label}, seed {best.seed}: {study.metric} {result.score:.3f}")
+        mode, _ = mode_and_figure(study.metric)
+        nothing = "" if result.evaluation[metric(mode, "completion_rate")] else ", but it completes no mesh"
+        found = f"{study.metric} {result.evaluation[study.metric]:.3f}{nothing}"
+        lines.append(f"best    {best.label}, seed {best.seed}: {found}")
         lines.append(f"policy  {normpath(result.folder.run_of(best).policy)}")
     lines.append(f"report  {result.folder.report / 'report.md'}")
     tracking = study.settings_of_all()["tracking"]

@@ -1,4 +1,7 @@
-"""A study's report: the paper's figure and table out of its runs, with intervals.
+"""A study's report: its figure and tables out of its runs, with intervals.
 
-results (what lies on disk) -> learning, transfer (figures of every variant) -> comparisons -> tables, pictures, text
+results (what lies on disk) -> variants, transfer (figures of each) -> comparisons -> csv_files, pictures, sections
 """
+
+#: Episodes of every policy on every domain, as in the paper.
+EPISODES = 10

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from freemesh_ray.policies.evaluation import DETERMINISTIC
-from freemesh_ray.report import csv_files, pictures, search, sections
+from freemesh_ray.report import EPISODES, csv_files, pictures, search, sections
 from freemesh_ray.report.against_paper import paper_table
 from freemesh_ray.report.comparisons import all_pairs, outcomes, pairs_to_show
 from freemesh_ray.report.formats import final
@@ -21,9 +21,6 @@ from freemesh_ray.report.transfer import Transfer, transfer
 from freemesh_ray.report.variants import return_threshold, variant_results
 from freemesh_ray.statistics.profile import performance_profile
 from freemesh_ray.storage.atomic import replacing
-
-#: Of the evaluation of every policy on every domain, as in the paper.
-EPISODES = 10
 
 #: From a study, and where pictures are, to the text's sections: those that matter, then the rest.
 Writer = Callable[[Picture], tuple[list[str], list[str]]]

@@ -17,7 +17,7 @@ from freemesh_ray.report.formats import cell, count, final
 from freemesh_ray.report.pictures import in_every_format
 from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.report.sections import Picture
-from freemesh_ray.statistics.curves import LAST, final_score
+from freemesh_ray.statistics.curves import LAST, final_value
 from freemesh_ray.studies.definition import Study
 
 #: Metrics of a trial beside its settings -> column, format.
@@ -40,7 +40,7 @@ def ranking(results: Results) -> list[Ranked]:
     """The trials by the study's metric, the best first."""
     by = results.study.metric
     found = [
-        Ranked(trial, {name: final_score(trial.curve(name)[1]) for name in [by, *COLUMNS]})
+        Ranked(trial, {name: final_value(trial.curve(name)[1]) for name in [by, *COLUMNS]})
         for trial in results.trials
         if trial.status != "failed"
     ]
@@ -55,7 +55,7 @@ def default_place(ranks: Sequence[Ranked]) -> int | None:
 def nothing_completed(ranks: Sequence[Ranked], by: str) -> bool:
     """Whether no trial completed a mesh in its last evaluations, by the actions that the metric ``by`` is of."""
     completion = metric(mode_and_figure(by)[0], "completion_rate")
-    return all(final_score(trial.curve(completion)[1]) == 0.0 for trial, _ in ranks)
+    return all(final_value(trial.curve(completion)[1]) == 0.0 for trial, _ in ranks)
 
 
 def section(ranks: Sequence[Ranked], picture: Picture, study: Study) -> str:

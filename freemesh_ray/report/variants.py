@@ -12,7 +12,7 @@ from envs.types import Floats
 from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, QUALITY, RETURN, STOCHASTIC_RETURN
 from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.statistics.bootstrap import Interval, stratified_interval
-from freemesh_ray.statistics.curves import aligned, final_score, mean_over_training, steps_to
+from freemesh_ray.statistics.curves import aligned, final_value, mean_over_training, steps_to
 from freemesh_ray.statistics.interquartile import interquartile_mean_of_runs
 
 #: Metrics that have a curve each, in the order of tables.
@@ -97,7 +97,7 @@ def _result(label: str, trials: Sequence[TrialResult], metric: str) -> VariantRe
     begun = [trial for trial in trials if trial.evaluations and trial.status != "failed"]
     used = [trial for trial in begun if trial.finished] or begun
     bands = {name: band([trial.curve(name) for trial in used]) for name in CURVES}
-    finals = {name: np.array([final_score(trial.curve(name)[1]) for trial in used]) for name in {*FINALS, metric}}
+    finals = {name: np.array([final_value(trial.curve(name)[1]) for trial in used]) for name in {*FINALS, metric}}
     return VariantResult(label, trials, used, bands, finals, metric)
 
 

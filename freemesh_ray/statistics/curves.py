@@ -12,7 +12,7 @@ from envs.types import Floats
 #: One run's curve: steps and values, of one length.
 Curve = tuple[ArrayLike, ArrayLike]
 
-#: Evaluations whose mean is a run's final score: the last five, 50 episodes. One evaluation of ten episodes is noisy;
+#: Evaluations whose mean is a run's final value: the last five, 50 episodes. One evaluation of ten episodes is noisy;
 #: the best one would reward noise.
 LAST = 5
 
@@ -45,7 +45,7 @@ def cleaned(steps: ArrayLike, values: ArrayLike) -> tuple[Floats, Floats]:
     return x[known][order], y[known][order]
 
 
-def final_score(values: ArrayLike, last: int = LAST) -> float:
+def final_value(values: ArrayLike, last: int = LAST) -> float:
     """Mean of the last values of a curve: (t,) -> float, of all of them when there are fewer; NaN when none."""
     tail = np.asarray(values, dtype=np.float64)[-last:]
     return float(tail.mean()) if len(tail) else float("nan")

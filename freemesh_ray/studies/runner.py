@@ -52,13 +52,13 @@ class StudyResult:
         folder: where it lies.
         records: its trials.
         best: the one with the best policy; None when none came to its end.
-        score: of that policy.
+        evaluation: of that policy, by metric.
     """
 
     folder: StudyFolder
     records: list[TrialRecord]
     best: TrialRecord | None
-    score: float
+    evaluation: Mapping[str, float]
 
 
 def planned(study: Study) -> tuple[StudyFolder, Plan, list[TrialRecord]]:
@@ -118,12 +118,12 @@ def run(
             records = run_trials(study, folder, plan, records, total, make, parent.id)
         if sum(record.status in OVER for record in records) < total:
             raise KeyboardInterrupt
-        best, score = best_trial(folder, records, study.metric)
+        best, evaluation = best_trial(folder, records, study.metric)
         if best is not None:
-            register_best(parent, study, folder, best, score)
+            register_best(parent, study, folder, best, evaluation[study.metric])
         for path in [folder.trials, *(report(folder.path) if report else [])]:
             parent.artifact(path, "report" if path.parent == folder.report else None)
-    return StudyResult(folder, records, best, score)
+    return StudyResult(folder, records, best, evaluation)
 
 
 def merged(expected: list[TrialRecord], before: list[TrialRecord]) -> list[TrialRecord]:
@@ -236,17 +236,16 @@ def parallel(settings: Mapping[str, Any]) -> int:
     return max(1, int(ray.cluster_resources().get("CPU", 1)) // processes)
 
 
-def best_trial(folder: StudyFolder, records: list[TrialRecord], metric: str) -> tuple[TrialRecord | None, float]:
-    """The trial whose best policy has the highest metric, and that."""
-    scores = {}
-    for i, record in enumerate(records):
-        path = folder.run_of(record).policy
-        if record.status in ("finished", "stopped") and path.is_file():
-            scores[i] = float(Policy.load(path).about["scores"][metric])
-    if not scores:
-        return None, float("nan")
-    best = max(scores, key=lambda i: scores[i])
-    return records[best], scores[best]
+def best_trial(
+    folder: StudyFolder, records: list[TrialRecord], metric: str
+) -> tuple[TrialRecord | None, Mapping[str, float]]:
+    """The trial whose best policy has the highest metric, and that policy's evaluation; None without a policy."""
+    found = [
+        (record, Policy.load(folder.run_of(record).policy).about["scores"])
+        for record in records
+        if record.status in ("finished", "stopped") and folder.run_of(record).policy.is_file()
+    ]
+    return max(found, key=lambda pair: float(pair[1][metric]), default=(None, {}))
 
 
 def register_best(parent: Run, study: Study, folder: StudyFolder, best: TrialRecord, score: float) -> None:

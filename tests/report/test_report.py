@@ -28,7 +28,7 @@ from freemesh_ray.report.search import ranking
 from freemesh_ray.report.transfer import Transfer, transfer
 from freemesh_ray.report.variants import return_threshold, variant_results
 from freemesh_ray.statistics.bootstrap import Interval
-from freemesh_ray.statistics.curves import final_score
+from freemesh_ray.statistics.curves import final_value
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.studies.study_folder import StudyError
 from tests.recorded_study import SEEDS, algorithms, rows, write_run, write_study
@@ -140,7 +140,7 @@ def test_the_table_holds_the_numbers_of_the_csv(finished: Path):
 def test_a_final_figure_is_the_mean_of_the_last_evaluations(finished: Path):
     results = read(finished)
     first = lines(finished / "report" / "final.csv")[0]
-    assert float(first[RETURN]) == pytest.approx(final_score(results.trials[0].curve(RETURN)[1]))
+    assert float(first[RETURN]) == pytest.approx(final_value(results.trials[0].curve(RETURN)[1]))
 
 
 def test_curves_lie_in_their_bands_within_the_seeds(finished: Path):

@@ -14,7 +14,7 @@ from scipy.stats import mannwhitneyu, trim_mean
 from freemesh_ray.statistics.bootstrap import stratified_interval
 from freemesh_ray.statistics.curves import (
     aligned,
-    final_score,
+    final_value,
     mean_and_deviation,
     mean_over_training,
     steps_to,
@@ -267,9 +267,9 @@ def test_a_higher_value_takes_no_fewer_steps(values: list[float], threshold: flo
 
 
 def test_single_figures_of_a_curve():
-    assert final_score([1, 2, 3, 4, 5, 6, 7]) == 5.0
-    assert final_score([1, 3]) == 2.0
-    assert np.isnan(final_score([]))
+    assert final_value([1, 2, 3, 4, 5, 6, 7]) == 5.0
+    assert final_value([1, 3]) == 2.0
+    assert np.isnan(final_value([]))
     assert mean_over_training([0, 10, 40], [0, 2, 2]) == pytest.approx((10 + 60) / 40)
     assert mean_over_training([5], [3]) == 3.0
     assert mean_and_deviation([1, 3]) == (2.0, pytest.approx(np.sqrt(2)))
