@@ -21,8 +21,8 @@ class Setting(NamedTuple):
     accepts: Field
 
 
-#: What the off-policy learners tell.
-ACTOR_CRITIC: dict[str, tuple[str, str]] = {
+#: Of the learners with a replay buffer.
+ACTOR_CRITIC_FIGURES = {
     "critic_loss": ("reward²", "squared error of the critics"),
     "actor_loss": ("reward", "loss of the policy"),
     "q_mean": ("reward", "mean value of the critics"),
@@ -38,14 +38,14 @@ class Algorithm:
         settings: those of its section, by name; ``defaults.yaml`` holds the same, with their meaning.
         batch: key of how many transitions one update takes: every learner has an equal share of them.
         experience: key of how many transitions those are drawn from: at least as many.
-        figures: what its learner tells of each round, tracked as ``learner/NAME``: name -> unit, meaning.
+        figures: name -> unit, meaning of what its learner reports and is tracked as ``learner/NAME``.
     """
 
     config: str
     settings: Mapping[str, Setting] = field(default_factory=dict)
     batch: str = "learner.batch_size"
     experience: str = "learner.buffer_size"
-    figures: Mapping[str, tuple[str, str]] = field(default_factory=lambda: ACTOR_CRITIC)
+    figures: Mapping[str, tuple[str, str]] = field(default_factory=lambda: ACTOR_CRITIC_FIGURES)
 
 
 _EXPLORATION_NOISE = Setting(0.1, Field(float, 0, 1))
@@ -57,7 +57,7 @@ ALGORITHMS: dict[str, Algorithm] = {
             "target_entropy": Setting("auto", Field(float, -1000, 1000, words=("auto",))),
             "initial_alpha": Setting(0.1, Field(float, TINY, 1000)),
         },
-        figures=ACTOR_CRITIC
+        figures=ACTOR_CRITIC_FIGURES
         | {
             "alpha_loss": ("nats", "loss of the temperature"),
             "alpha": ("reward/nat", "temperature"),

@@ -106,7 +106,7 @@ def report_variants(
 
 
 def profiles(out: Path, results: Results, evaluated: Transfer) -> Path:
-    """The performance profile of every variant that has a policy, as picture and csv_files."""
+    """The performance profile of every variant that has a policy, as picture and numbers."""
     scores = {label: evaluated.of(label, "score", DETERMINISTIC) for label in results.labels}
     found = {label: performance_profile(each, pictures.THRESHOLDS) for label, each in scores.items() if each.size}
     csv_files.profiles(out / "profile.csv", pictures.THRESHOLDS, found)

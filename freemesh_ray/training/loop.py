@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from envs.domains.load import source
-from freemesh_ray.config import meshing_parameters
+from freemesh_ray.config import ALGORITHMS, meshing_parameters
 from freemesh_ray.policies.evaluation import COMPLETION, MODES, RETURN, metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError
@@ -268,7 +268,9 @@ class Training:
         iteration = metrics.Iteration(
             self.algorithm.curriculum.stage, progress.updates, progress.seconds, progress.updates - updates, took
         )
-        self.run.metrics(metrics.of_iteration(iteration, self.algorithm.finished, results), step=progress.env_steps)
+        figures = ALGORITHMS[self.config["algorithm"]].figures
+        values = metrics.of_iteration(iteration, self.algorithm.finished, results, figures)
+        self.run.metrics(values, step=progress.env_steps)
         self.algorithm.finished.clear()
         if self.algorithm.curriculum.name != stage:
             self.note(f"stage {stage} -> {self.algorithm.curriculum.name} at {progress.env_steps:,} steps")

@@ -1,6 +1,7 @@
 """What a training records of its iterations: every metric's name, unit, meaning and value, in one place.
 
-Those of its evaluations are the figures of `freemesh_ray.policies.evaluation`.
+Those of its evaluations are the figures of `freemesh_ray.policies.evaluation`, those of its learner stand with its
+algorithm in `freemesh_ray.config.algorithms`.
 """
 
 from __future__ import annotations
@@ -9,8 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from freemesh_ray.config import ALGORITHMS
 
 
 class Iteration(NamedTuple):
@@ -59,27 +58,19 @@ EPISODES: dict[str, Metric] = {
 }
 
 
-def learner_metrics() -> dict[str, tuple[str, str]]:
-    """Of the learner, by what its algorithm tells (``config.algorithms``): name -> unit, meaning."""
-    told: dict[str, list[str]] = {}
-    about = {}
-    for algorithm, known in ALGORITHMS.items():
-        for name, unit_and_meaning in known.figures.items():
-            told.setdefault(name, []).append(algorithm)
-            about[name] = unit_and_meaning
-    return {name: (unit, f"{', '.join(told[name])}: {meaning}") for name, (unit, meaning) in about.items()}
-
-
-def of_iteration(iteration: Iteration, ended: Iterable[Any], results: Mapping[str, Any]) -> dict[str, float]:
+def of_iteration(
+    iteration: Iteration, ended: Iterable[Any], results: Mapping[str, Any], learner_figures: Iterable[str]
+) -> dict[str, float]:
     """All metrics of an iteration.
 
     Args:
         iteration: the training's own figures.
         ended: the episodes that ended in it.
-        results: a result tree as RLlib's, with the learner's figures.
+        results: a result tree as RLlib's.
+        learner_figures: names of those of the learner that are recorded, where it reports them.
     """
     values = {name: float(metric.of(iteration)) for name, metric in ITERATION.items()}
     if episodes := list(ended):
         values |= {name: float(np.mean([metric.of(one) for one in episodes])) for name, metric in EPISODES.items()}
     learner = results.get("learners", {}).get("default_policy", {})
-    return values | {f"learner/{name}": float(learner[name]) for name in learner_metrics() if name in learner}
+    return values | {f"learner/{name}": float(learner[name]) for name in learner_figures if name in learner}

@@ -23,8 +23,8 @@ from freemesh_ray.report.against_paper import median_seed, paper_table
 from freemesh_ray.report.comparisons import outcomes
 from freemesh_ray.report.machine import machine, model
 from freemesh_ray.report.report import write
-from freemesh_ray.report.results import read
-from freemesh_ray.report.search import ranking
+from freemesh_ray.report.results import TrialResult, read
+from freemesh_ray.report.search import Ranked, nothing_completed, ranking
 from freemesh_ray.report.transfer import Transfer, transfer
 from freemesh_ray.report.variants import return_threshold, variant_results
 from freemesh_ray.statistics.bootstrap import Interval
@@ -356,6 +356,13 @@ def test_a_search_that_completed_nothing_recommends_nothing(tmp_path: Path, metr
     assert "best settings" not in text
     assert "The best of" not in text
     assert len(lines(tmp_path / "rates" / "report" / "trials.csv")) == 5
+
+
+def test_what_was_completed_is_asked_of_the_metric_s_own_actions(tmp_path: Path):
+    done = {"env_steps": 1, "eval_deterministic/completion_rate": 0.0, "eval_stochastic/completion_rate": 0.2}
+    ranks = [Ranked(TrialResult("a", 1, "a", tmp_path, "finished", evaluations=[done]), {})]
+    assert nothing_completed(ranks, "eval_deterministic/score")
+    assert not nothing_completed(ranks, "eval_stochastic/score")
 
 
 def test_a_search_without_the_default_says_so(tmp_path: Path):
