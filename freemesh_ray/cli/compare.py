@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
 
     folder = Path(options.out) if options.out else None
     if folder is not None:
-        check_writable(folder / "comparison.md")
+        check_writable(folder / "comparison.md", parents=True)
     domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]

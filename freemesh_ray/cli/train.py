@@ -109,6 +109,7 @@ def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
     """What a training ends with."""
     from freemesh_ray.config.paths import shown
     from freemesh_ray.formatting.table import duration, table
+    from freemesh_ray.tracking import browsing
 
     rows = [
         [
@@ -131,9 +132,6 @@ def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
         f"curve       {shown(trained.curve)}",
     ]
     lines += [f"{entry.domain:<11} {'  '.join(map(shown, entry.files)) or entry.reason}" for entry in trained.produced]
-    tracking = config["tracking"]
-    if tracking["enabled"]:
-        uri = shown(tracking["uri"])
-        local = uri.startswith("sqlite")
-        lines.append(f"compare     {f'.venv/bin/mlflow ui --backend-store-uri {uri}' if local else uri}")
+    if config["tracking"]["enabled"]:
+        lines.append(f"compare     {browsing(config['tracking']['uri'])}")
     return "\n".join(lines)

@@ -27,7 +27,7 @@ from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.policies.evaluation import MODES, metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError, replacing
-from freemesh_ray.tracking import Run
+from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.loop import Algorithm, Progress, Status, Training
 from freemesh_ray.training.run_folder import RunError, RunFolder, TrainingError
@@ -151,7 +151,7 @@ def _attempt(
     tracking = config["tracking"]
     with (
         started(make, config) as algorithm,
-        Run(
+        MLflowRun(
             folder.path,
             uri=tracking["uri"],
             experiment=tracking["experiment"],
