@@ -18,6 +18,7 @@ from freemesh_ray.cli.arguments import Parser, add_command, whole
 from freemesh_ray.config import paths
 from freemesh_ray.errors import INTERRUPTED
 from freemesh_ray.jobs import server
+from freemesh_ray.jobs.package import check_size
 from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
 from freemesh_ray.training.run_folder import RunError
@@ -76,11 +77,16 @@ def run(options: argparse.Namespace) -> int:
     print(shlex.join(line), flush=True)
     if options.dry:
         return 0
-    server.ask(url)
+    if job is not None and job in server.submitted(url):
+        raise RunError(
+            f"{job}: a job was submitted under this id before: give another --submission-id, or none; "
+            f"`{shlex.join(['ray', 'job', 'delete', '--address', url, job])}` forgets one that is over"
+        )
+    check_size(Path.cwd(), environment.get("excludes", []))
     try:
         return follow(line)
     except KeyboardInterrupt:
-        at = f"--address {url} {job}"
+        at = shlex.join(["--address", url, job])
         print(f"\nthe job goes on: `ray job logs {at} --follow`; `ray job stop {at}` ends it", file=sys.stderr)
         return INTERRUPTED
 
