@@ -72,12 +72,13 @@ def run(options: argparse.Namespace) -> int:
     }  # fmt: skip
     environment = runtime_env(RUNTIME_ENV, {key: value for key, value in variables.items() if value})
     cpus = CPUS[command[0]] if options.cpus is None else options.cpus
-    job = options.submission_id or (None if options.dry else f"{name}-{time.strftime('%Y%m%d-%H%M%S')}")
-    line = submission(url, command, environment, cpus=cpus, submission_id=job, wait=options.wait)
+    job = options.submission_id or f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    id_ = options.submission_id if options.dry else job  # a line that is printed can be run again
+    line = submission(url, command, environment, cpus=cpus, submission_id=id_, wait=options.wait)
     print(shlex.join(line), flush=True)
     if options.dry:
         return 0
-    if job is not None and job in server.submitted(url):
+    if job in server.submitted(url):
         raise RunError(
             f"{job}: a job was submitted under this id before: give another --submission-id, or none; "
             f"`{shlex.join(['ray', 'job', 'delete', '--address', url, job])}` forgets one that is over"
