@@ -16,7 +16,7 @@ from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.job import deliver, tags
+from freemesh_ray.training.job import conclude, tags
 from freemesh_ray.training.loop import Algorithm, Training
 from freemesh_ray.training.run_folder import RunFolder
 
@@ -108,7 +108,7 @@ class TrialTrainable(tune.Trainable):
             self._run.metrics(self._drawn, step=training.progress.env_steps)
             figures |= {key: getattr(training.progress, key) for key in ("env_steps", "updates", "seconds")}
             if training.done():
-                deliver(training)
+                conclude(training)
                 with replacing(training.folder.path / FINISHED) as draft:
                     draft.write_text(json.dumps(figures))
                 self._run.close()

@@ -195,7 +195,7 @@ def test_the_best_policy_is_the_one_that_completes_most(settings: dict[str, Any]
     wild = fake.actor_weights()
     stuck = [(np.zeros((15, 6), dtype=np.float32), np.array([0, -9, 0, -9, -9, -9], dtype=np.float32))]
     training = Training(fake, settings, _folder(tmp_path), _no_tracking(tmp_path))
-    training.folder.claim(resume=False)
+    training.folder.path.mkdir()
     fake.actor_weights = lambda: stuck  # type: ignore[method-assign]
     values = training.evaluate()
     first = training.progress.best
