@@ -105,7 +105,7 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
     """Cut quadrilaterals off a domain's boundary until nothing is left.
 
     Args:
-        domain: a catalogue name, a file, ``random:SEED``, ``random`` (a new one every time), a Domain, or several of
+        domain: a catalogue name, a file, ``random-SEED``, ``random`` (a new one every time), a Domain, or several of
             them to draw from at each reset.
         render_mode: ``"rgb_array"`` or None.
         parameters: the numbers of the MDP, by default the paper's.

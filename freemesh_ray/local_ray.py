@@ -5,14 +5,29 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from freemesh_ray.storage.atomic import OutputError
 
 #: Ray gives itself half a minute to start, which a busy machine may not have.
 ATTEMPTS = 5
+
+#: What the folder of an embedded Ray begins with.
+FOLDER = "ray-"
+
+#: Bytes of a socket's path at most (`sun_path` less its zero), and the longest that Ray adds to its folder, which is
+#: one within ours: Ray opens it to everybody.
+SOCKET_PATH = 103 if sys.platform == "darwin" else 107
+SOCKET = "/r/session_2026-01-01_00-00-00_000000_4194304/sockets/plasma_store.0"
+
+#: Where Ray's folder may lie besides the user's own place for temporary files, the first that will do.
+SHORT_FOLDERS = ("/tmp", "/dev/shm", "/var/tmp")
 
 
 @contextmanager
@@ -50,13 +65,45 @@ def environment() -> None:
     os.environ.setdefault("PYTHONWARNINGS", "ignore::DeprecationWarning")
 
 
-def _start(slots: int) -> None:
+@contextmanager
+def private_folder(environment: Mapping[str, str] = os.environ) -> Iterator[Path]:
+    """A folder of this user's alone for the sockets and logs of a Ray, with a path as short as sockets need it.
+
+    It lies below RAY_TMPDIR, which nothing replaces, or below TMPDIR or the first of `SHORT_FOLDERS` that is short
+    enough and can be written to. It is removed at the end.
+
+    Raises:
+        OutputError: there is no such place.
+    """
+    own = environment.get("RAY_TMPDIR")
+    parents = [own] if own else [environment.get("TMPDIR") or "/tmp", *SHORT_FOLDERS]
+    for parent in parents:
+        try:
+            folder = Path(tempfile.mkdtemp(prefix=FOLDER, dir=parent)).resolve()
+        except OSError:
+            continue
+        try:
+            if len(os.fsencode(folder)) + len(SOCKET) <= SOCKET_PATH:
+                yield folder
+                return
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+    raise OutputError(
+        f"{', '.join(dict.fromkeys(parents))}: no place for Ray's sockets: set RAY_TMPDIR to a folder that can be "
+        f"written to, with a path of {SOCKET_PATH - len(SOCKET) - len(f'/{FOLDER}12345678')} bytes at most"
+    )
+
+
+def _start(slots: int, folder: Path) -> None:
     """Start a Ray with as many slots as processes, whatever the machine has: they share its cores."""
     import ray
 
     for attempt in range(ATTEMPTS):
         try:
-            ray.init(num_cpus=slots, include_dashboard=False, logging_level=logging.ERROR, log_to_driver=False)
+            ray.init(
+                num_cpus=slots, include_dashboard=False, logging_level=logging.ERROR, log_to_driver=False,
+                _temp_dir=str(folder / "r"),
+            )  # fmt: skip
             return
         except Exception as error:
             ray.shutdown()
@@ -69,6 +116,9 @@ def local_ray(workers: int) -> Iterator[None]:
     """A Ray with room for ``workers`` processes, env runners and learners, beside the training's own.
 
     An address in RAY_ADDRESS is used instead.
+
+    Raises:
+        OutputError: see `private_folder`.
     """
     environment()
     warnings.filterwarnings("ignore", category=DeprecationWarning)
@@ -78,12 +128,11 @@ def local_ray(workers: int) -> Iterator[None]:
 
     logging.getLogger("ray").setLevel(logging.ERROR)
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
-    with _without_its_greeting():
-        if os.environ.get("RAY_ADDRESS"):
-            ray.init(logging_level=logging.ERROR, log_to_driver=False)
-        else:
-            _start(slots=max(workers + 1, os.cpu_count() or 1))
-    try:
+    with ExitStack() as stack:
+        with _without_its_greeting():
+            if os.environ.get("RAY_ADDRESS"):
+                ray.init(logging_level=logging.ERROR, log_to_driver=False)
+            else:
+                _start(max(workers + 1, os.cpu_count() or 1), stack.enter_context(private_folder()))
+        stack.callback(ray.shutdown)
         yield
-    finally:
-        ray.shutdown()

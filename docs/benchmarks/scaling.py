@@ -131,7 +131,7 @@ def write_scaling(seconds: float, folder: Path) -> None:
     """
     files = {suffix: folder / f"scaling.{suffix}" for suffix in ("json", "md", "png")}
     for path in files.values():
-        check_writable(path)
+        check_writable(path, parents=True)
     wanted = RETURN if seconds > QUICK else QUICK_RETURN
     measured, reached = [], []
     with local_ray(max(RUNNERS) + max(LEARNERS)):

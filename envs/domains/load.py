@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.domains import random_domain as generator
-from envs.domains import random_part
+from envs.domains import random_domain, random_part
 from envs.domains.conforming import domains_of
 from envs.domains.random_domain import RandomDomains
 from envs.polygons.polygon import from_polygon, from_ring_with_seam, from_rings
@@ -75,8 +74,8 @@ def load_all(
     ``part``. Where they share boundary segments, what is set on these is the same for both, number for number.
 
     Args:
-        spec: a catalogue name in any case (``T1``), a seed (``random:7``, ``random:7?spikiness=0.5&holes=1``,
-            ``part:7``), or the path of a polygon file (the extensions are those of :data:`envs.readers.READERS`).
+        spec: a catalogue name in any case (``T1``), a seed (``random-7``, ``random-7_spikiness=0.5_holes=1``,
+            ``part-7``), or the path of a polygon file (the extensions are those of :data:`envs.readers.READERS`).
         fix_parity: split the longest segment at its midpoint when a polygon's number of vertices is odd.
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
@@ -125,12 +124,10 @@ def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Poly
     text = os.fspath(spec)
     path = Path(text)
     if isinstance(spec, str):
-        if text.lower().startswith(generator.PREFIX):
-            drawn = generator.from_spec(text)
-            return [rings_of(drawn)], drawn.name, text
-        if text.lower().startswith(random_part.PREFIX):
-            drawn = random_part.from_spec(text)
-            return [rings_of(drawn)], drawn.name, text
+        for random in (random_domain, random_part):
+            if random.is_spec(text) and not os.path.isfile(text):
+                drawn = random.from_spec(text)
+                return [rings_of(drawn)], drawn.name, text
         if text.upper() in catalogue():
             path = CATALOGUE / f"{text.upper()}.json"
         elif not looks_like_path(text):
@@ -157,6 +154,6 @@ def unknown_name(text: str) -> str:
     near = difflib.get_close_matches(text.upper(), names, n=1, cutoff=0.3)
     meant = f"did you mean {near[0]}? " if near else ""
     return (
-        f"{text!r}: no domain of this name; {meant}The catalogue has {', '.join(names)}; random:SEED draws one, and a "
+        f"{text!r}: no domain of this name; {meant}The catalogue has {', '.join(names)}; random-SEED draws one, and a "
         f"file ends in {', '.join(READERS)}"
     )

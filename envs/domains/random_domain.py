@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,8 +14,11 @@ from envs.polygons.outline import Spacing, corners, discretise, shares, wave
 from envs.polygons.polygon import from_rings
 from envs.types import Domain, DomainError, Floats
 
-#: How a random domain is asked for by name: ``random:7``, ``random:7?spikiness=0.5&holes=1``.
-PREFIX = "random:"
+#: What names of random domains begin with: ``random-7``, ``random-7_spikiness=0.5_holes=1``, ``random-held-out-3``.
+PREFIX = "random-"
+#: What else asks for one: ``random:7?spikiness=0.5&holes=1``.
+SPEC = "random:"
+NAME = re.compile(r"random-(held-out-)?\d+(_[a-z]+=[^_]*)*", re.IGNORECASE)
 
 #: Shapes tried before the plain disc that always works.
 ATTEMPTS = 20
@@ -30,8 +34,9 @@ LEAST_ANGLE = np.radians(15.0)
 
 OUTER_LEAST, HOLE_LEAST = 12, 6
 
-#: Seeds from here on are kept from training.
+#: Seeds from here on are kept from training; the first are called ``random-held-out-0``, ``random-held-out-1``, ...
 HELD_OUT = 2**62
+HELD_OUT_PREFIX = "held-out-"
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class RandomDomains:
     """An endless supply: every draw is a domain that was never seen before.
 
     Attributes:
-        name: what tasks and curricula call it; the domains drawn are called ``random:SEED``.
+        name: what tasks and curricula call it; the domains drawn are called ``random-SEED``.
         vertices: most ring vertices of a domain drawn, seams included.
         elements: most elements a domain drawn may be expected to need.
     """
@@ -109,26 +114,35 @@ def random_domain(
 
 
 def spec_of(seed: int, **given: float | None) -> str:
-    """The name that :func:`from_spec` reads back as the same domain."""
-    pairs = "&".join(f"{key}={value!r}" for key, value in given.items() if value is not None)
-    return f"{PREFIX}{seed}" + (f"?{pairs}" if pairs else "")
+    """The name that :func:`from_spec` reads back as the same domain, and that every system takes as a file's name."""
+    number = seed if seed < HELD_OUT else f"{HELD_OUT_PREFIX}{seed - HELD_OUT}"
+    return "_".join([f"{PREFIX}{number}", *(f"{key}={value!r}" for key, value in given.items() if value is not None)])
+
+
+def is_spec(text: str) -> bool:
+    """Whether a text asks for a random domain."""
+    return text.lower().startswith(SPEC) or NAME.fullmatch(text) is not None
 
 
 def from_spec(spec: str) -> Domain:
-    """The domain of ``random:SEED`` or ``random:SEED?key=value&...``.
+    """The domain of ``random-SEED``, ``random-SEED_key=value_...``, ``random:SEED`` or ``random:SEED?key=value&...``.
+
+    ``held-out-I`` is the seed of the I-th domain that is kept from training.
 
     Raises:
         DomainError: no seed, an unknown key, or a value that is no number or out of its range.
     """
     kinds: dict[str, Callable[[str], float]] = {"vertices": int, "spikiness": float, "holes": int, "unevenness": float}
-    head, _, tail = spec[len(PREFIX) :].partition("?")
+    head, *pairs = re.split("[?&_]", spec[len(PREFIX) :].lower())
+    first = HELD_OUT if head.startswith(HELD_OUT_PREFIX) else 0
     given: dict[str, float] = {}
-    for pair in filter(None, tail.split("&")):
+    for pair in filter(None, pairs):
         key, _, value = pair.partition("=")
         if key not in kinds:
             raise DomainError(f"{spec}: unknown parameter {key!r}; use {', '.join(kinds)}")
         given[key] = number(spec, key, value, kinds[key])
-    return random_domain(int(number(spec, "seed", head, int)), **given)  # type: ignore[arg-type]
+    seed = int(number(spec, "seed", head.removeprefix(HELD_OUT_PREFIX), int))
+    return random_domain(first + seed, **given)  # type: ignore[arg-type]
 
 
 def number(spec: str, key: str, value: str, kind: Callable[[str], float]) -> float:
@@ -138,7 +152,7 @@ def number(spec: str, key: str, value: str, kind: Callable[[str], float]) -> flo
     except ValueError:
         what = "a whole number" if kind is int else "a number"
         raise DomainError(
-            f"{spec}: {key} = {value!r} is not {what}; write random:7?vertices=80&spikiness=0.5"
+            f"{spec}: {key} = {value!r} is not {what}; write random-7_vertices=80_spikiness=0.5"
         ) from None
 
 

@@ -5,6 +5,8 @@ Nothing trains on these, so a mesher's figures on them tell how it does on shape
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import shapely
 
@@ -15,8 +17,9 @@ from envs.polygons.polygon import from_rings
 from envs.polygons.rings import signed_area
 from envs.types import Domain, DomainError, Floats
 
-#: How a part is asked for by name: ``part:17``.
-PREFIX = "part:"
+#: What names of parts begin with, ``part-17``, and what else asks for one: ``part:17``.
+PREFIX, SPEC = "part-", "part:"
+NAME = re.compile(r"part-\d+", re.IGNORECASE)
 
 #: Least and most given boundary vertices.
 FEWEST, MOST = 30, 400
@@ -58,8 +61,13 @@ def random_part(seed: int) -> Domain:
     raise AssertionError(f"{PREFIX}{seed}: no {family.__name__} of {ATTEMPTS} makes a domain")
 
 
+def is_spec(text: str) -> bool:
+    """Whether a text asks for a random part."""
+    return text.lower().startswith(SPEC) or NAME.fullmatch(text) is not None
+
+
 def from_spec(spec: str) -> Domain:
-    """The part of ``part:SEED``.
+    """The part of ``part-SEED`` or ``part:SEED``.
 
     Raises:
         DomainError: no seed, or one out of its range.

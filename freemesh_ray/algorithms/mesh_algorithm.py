@@ -105,6 +105,11 @@ class MeshAlgorithm(Algorithm):
         self._silent: float | None = None
         self._probed = time.monotonic()
 
+    def _setup_logdir(self) -> None:
+        """Make no folder but Tune's: RLlib writes nothing here into the one that it makes in ~/ray_results."""
+        if self._storage:
+            super()._setup_logdir()
+
     def _from_runners(self, method: str, **request: Any) -> list[Any]:
         """What the env runners answer to a call of ``method``, with the curriculum's task as ``task``.
 

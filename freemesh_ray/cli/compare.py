@@ -17,8 +17,8 @@ NONE = "none"
 EPILOG = """\
 examples:
   freemesh compare D7 D8 D9 --out comparison
-  freemesh compare part:1 part:2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
-  freemesh compare part:{1..100} --peers gmsh-8 --out parts --no-pictures
+  freemesh compare part-1 part-2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
+  freemesh compare part-{1..100} --peers gmsh-8 --out parts --no-pictures
   freemesh compare D7 --mesh pave=d7.inp --policy none
 
 peers:
@@ -50,7 +50,7 @@ def add(commands: Any) -> None:
         "Mesh domains with our mesher and its peers, boundary segments fixed, and measure all alike.",
         EPILOG,
     )
-    compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part:SEED")
+    compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part-SEED")
     compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, comparison.csv and pictures are written")
     compare.add_argument("--no-pictures", dest="pictures", action="store_false", help="tables alone")
     compare.add_argument("--peers", type=peer_names, default=list(NAMES), metavar="NAMES",
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
 
     folder = Path(options.out) if options.out else None
     if folder is not None:
-        check_writable(folder / "comparison.md")
+        check_writable(folder / "comparison.md", parents=True)
     domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]

@@ -21,7 +21,7 @@ REMEDIES = ("next vertex", "wide", "filled")
 
 DESCRIPTION = """\
 Mesh a polygon: a file (GeoJSON, WKT, DXF, CSV, Gmsh .geo or .msh, JSON list of [x, y]; see docs/polygons.md), a name
-of the catalogue, random:SEED or part:SEED.
+of the catalogue, random-SEED or part-SEED.
 """
 
 EPILOG = """\

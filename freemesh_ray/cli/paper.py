@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
     path = Path(options.out) / f"{options.table}.md" if options.out else None
     if path is not None:
-        check_writable(path)
+        check_writable(path, parents=True)
     made = WRITERS[options.table](options)
     if path is not None:
         with replacing(path) as draft:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from freemesh_ray.cli.arguments import add_command, add_settings
-from freemesh_ray.config.paths import shown
 from freemesh_ray.formatting.table import table
+from freemesh_ray.tracking import browsing
 
 if TYPE_CHECKING:
     from freemesh_ray.studies.definition import Study
@@ -81,7 +82,9 @@ def run(options: argparse.Namespace) -> int:
         try:
             result = run_study(study, resume=options.resume, make=build, report=report)
         except KeyboardInterrupt:
-            print(f"`freemesh study {options.study} --resume` goes on from the last checkpoints", file=sys.stderr)
+            sets = [word for setting in options.set for word in ("--set", setting)]
+            again = ["study", options.study, *sets, *(["--smoke"] if options.smoke else []), "--resume"]
+            print(f"`{shlex.join(['freemesh', *again])}` goes on from the last checkpoints", file=sys.stderr)
             raise
     print(_closing(result, study))
     return 0
@@ -164,6 +167,5 @@ def _closing(result: StudyResult, study: Study) -> str:
     lines.append(f"report  {result.folder.report / 'report.md'}")
     tracking = study.settings_of_all()["tracking"]
     if tracking["enabled"]:
-        uri = shown(tracking["uri"])
-        lines.append(f"compare {f'mlflow ui --backend-store-uri {uri}' if uri.startswith('sqlite') else uri}")
+        lines.append(f"compare {browsing(tracking['uri'])}")
     return "\n".join(lines)

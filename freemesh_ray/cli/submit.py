@@ -18,6 +18,7 @@ from freemesh_ray.cli.arguments import Parser, add_command, whole
 from freemesh_ray.config import paths
 from freemesh_ray.errors import INTERRUPTED
 from freemesh_ray.jobs import server
+from freemesh_ray.jobs.package import check_size
 from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
 from freemesh_ray.training.run_folder import RunError
@@ -71,16 +72,22 @@ def run(options: argparse.Namespace) -> int:
     }  # fmt: skip
     environment = runtime_env(RUNTIME_ENV, {key: value for key, value in variables.items() if value})
     cpus = CPUS[command[0]] if options.cpus is None else options.cpus
-    job = options.submission_id or (None if options.dry else f"{name}-{time.strftime('%Y%m%d-%H%M%S')}")
-    line = submission(url, command, environment, cpus=cpus, submission_id=job, wait=options.wait)
+    job = options.submission_id or f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    id_ = options.submission_id if options.dry else job  # a line that is printed can be run again
+    line = submission(url, command, environment, cpus=cpus, submission_id=id_, wait=options.wait)
     print(shlex.join(line), flush=True)
     if options.dry:
         return 0
-    server.ask(url)
+    if job in server.submitted(url):
+        raise RunError(
+            f"{job}: a job was submitted under this id before: give another --submission-id, or none; "
+            f"`{shlex.join(['ray', 'job', 'delete', '--address', url, job])}` forgets one that is over"
+        )
+    check_size(Path.cwd(), environment.get("excludes", []))
     try:
         return follow(line)
     except KeyboardInterrupt:
-        at = f"--address {url} {job}"
+        at = shlex.join(["--address", url, job])
         print(f"\nthe job goes on: `ray job logs {at} --follow`; `ray job stop {at}` ends it", file=sys.stderr)
         return INTERRUPTED
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from freemesh_ray.cli.arguments import add_command, add_settings
 
 if TYPE_CHECKING:
-    from freemesh_ray.training.job import Trained
+    from freemesh_ray.training.job import TrainingResult
 
 EPILOG = """\
 examples:
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
         from freemesh_ray.algorithms.build import build
 
         stop = StopSignal()
-        trained = train(
+        result = train(
             settings,
             resume=options.resume,
             make=build,
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
             interrupted=stop.was_given,
         )
     progress.finish()
-    print(train_table(trained, settings))
+    print(train_table(result, settings))
     return 0
 
 
@@ -105,35 +105,32 @@ class StopSignal:
         return self._given
 
 
-def train_table(trained: Trained, config: Mapping[str, Any]) -> str:
+def train_table(result: TrainingResult, config: Mapping[str, Any]) -> str:
     """What a training ends with."""
     from freemesh_ray.config.paths import shown
     from freemesh_ray.formatting.table import duration, table
+    from freemesh_ray.tracking import browsing
 
     rows = [
-        [
-            entry.domain,
-            "yes" if entry.mesh is not None else "no",
-            *(format(entry.figures[key], form) if entry.figures else "-" for key, _, form in COLUMNS),
-        ]
-        for entry in trained.produced
+        [stage.domain, name, *(format(figures[key], form) if figures else "-" for key, _, form in COLUMNS)]
+        for stage in result.stages
+        for name, figures in (stage.figures or {"not completed": {}}).items()
     ]
-    progress = trained.progress
+    progress = result.progress
     lines = [
         "",
-        table(["domain", "completed", *(title for _, title, _ in COLUMNS)], rows),
+        table(["domain", "mesh", *(title for _, title, _ in COLUMNS)], rows, left=(0, 1)),
         "",
         f"trained {progress.env_steps:,} steps, {progress.updates:,} updates in {duration(progress.seconds)}"
         f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s)",
         f"best policy from step {progress.best_steps:,}",
-        f"policy      {shown(trained.policy)}",
-        f"checkpoint  {shown(trained.checkpoint)}",
-        f"curve       {shown(trained.curve)}",
+        f"policy      {shown(result.policy)}",
+        f"checkpoint  {shown(result.checkpoint)}",
+        f"curve       {shown(result.curve)}",
     ]
-    lines += [f"{entry.domain:<11} {'  '.join(map(shown, entry.files)) or entry.reason}" for entry in trained.produced]
-    tracking = config["tracking"]
-    if tracking["enabled"]:
-        uri = shown(tracking["uri"])
-        local = uri.startswith("sqlite")
-        lines.append(f"compare     {f'.venv/bin/mlflow ui --backend-store-uri {uri}' if local else uri}")
+    lines += [f"{stage.domain:<11} {shown(stage.files[0]) if stage.files else stage.reason}" for stage in result.stages]
+    for folder in {path.parent: None for stage in result.stages for path in stage.files}:
+        lines.append(f"meshes      {shown(folder / '*')}")
+    if config["tracking"]["enabled"]:
+        lines.append(f"compare     {browsing(config['tracking']['uri'])}")
     return "\n".join(lines)

@@ -74,14 +74,16 @@ def files(texts: Sequence[str], domains: Sequence[Domain]) -> list[Mesher]:
 
 def placed(text: str, domains: Sequence[Domain]) -> Given:
     """The mesh in ``[DOMAIN:]LABEL=FILE``, and the domain that it is of."""
-    head, equals, path = text.partition("=")
-    name, _, label = head.rpartition(":")
+    names = [domain.name for domain in domains]
+    name = next((name for name in names if text.startswith(f"{name}:")), "")
+    head, equals, path = text.removeprefix(f"{name}:").partition("=")
+    unknown, _, label = head.rpartition(":")
     if not (equals and label and path):
         raise MeshFileError(f"--mesh {text!r}: write LABEL=FILE or DOMAIN:LABEL=FILE")
+    if unknown:
+        raise MeshFileError(f"--mesh {text!r}: {unknown} is not among the domains compared, {', '.join(names)}")
     mesh = replace(read(Path(path)), mesher=label)
     if name:
-        if name not in [domain.name for domain in domains]:
-            raise MeshFileError(f"--mesh {text!r}: {name} is not among the domains compared; name it, too")
         return Given(name, mesh)
     matching = [d for d in domains if mesh.keeps(d)] or [d for d in domains if same_box(mesh, d)]
     if len(matching) != 1:

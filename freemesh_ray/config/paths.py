@@ -4,6 +4,8 @@ FREEMESH_HOME         the folder that relative ``paths.runs``, ``paths.studies``
                       unset, it is the current folder, and ``~/freemesh`` in a job of a Ray cluster, whose current
                       folder is a copy that goes with it
 MLFLOW_TRACKING_URI   the tracking store where ``tracking.uri`` is null; unset, it is ``sqlite:///mlflow.db``
+
+A FILE in ``sqlite:///FILE`` is its plain name: ``%20`` and ``?`` in it stand for themselves.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from freemesh_ray.config import SCHEMA, check
+from freemesh_ray.config.schema import FOLDER
 
 HOME, STORE = "FREEMESH_HOME", "MLFLOW_TRACKING_URI"
 #: Ray sets it for the driver of a job, and for nothing else.
@@ -36,8 +39,13 @@ class Paths:
 
     @classmethod
     def from_environment(cls) -> Self:
-        """What ``FREEMESH_HOME`` and ``MLFLOW_TRACKING_URI`` say, else the defaults above."""
+        """What ``FREEMESH_HOME`` and ``MLFLOW_TRACKING_URI`` say, else the defaults above.
+
+        Raises:
+            ConfigError: FREEMESH_HOME is a URL.
+        """
         given = os.environ.get(HOME) or ("~/freemesh" if JOB in os.environ else "")
+        check(given or ".", FOLDER, HOME, "the home")
         return cls(Path(given).expanduser().absolute(), os.environ.get(STORE) or f"{SQLITE}mlflow.db")
 
     def resolved(self, config: Mapping[str, Any]) -> dict[str, Any]:

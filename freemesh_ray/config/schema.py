@@ -6,6 +6,9 @@ from envs.types import COUNT, NAMED, SETTINGS, TINY
 from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, settings_by_key
 from freemesh_ray.config.field import Field
 
+#: A place for files; a bucket is one where it is mounted.
+FOLDER = Field(str, pattern=r"(?s)(?!\w[\w+.-]*://).*\S.*", hint="a folder, not a URL: mount the bucket")
+
 #: Dotted key -> what it accepts. ``defaults.yaml`` holds the same keys, with their meaning and default.
 SCHEMA: dict[str, Field] = {
     "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
@@ -45,8 +48,8 @@ SCHEMA: dict[str, Field] = {
     ),
     "tracking.experiment": Field(str),
     "tracking.enabled": Field(bool),
-    "paths.runs": Field(str),
-    "paths.studies": Field(str),
+    "paths.runs": FOLDER,
+    "paths.studies": FOLDER,
 }  # fmt: skip
 
 #: Keys that set several others: key -> name -> the values it sets. A later overlay, or a single key in the same file,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import urllib.error
 import urllib.request
@@ -36,22 +37,24 @@ def token(environment: Mapping[str, str] = os.environ) -> str:
     return path.read_text().strip() if path.is_file() else ""
 
 
-def ask(url: str) -> None:
-    """See whether the server answers, and takes the token.
+def submitted(url: str) -> set[str]:
+    """The ids of the jobs that the server knows.
 
     Raises:
-        RunError: it does not.
+        RunError: it does not answer, or refuses the token.
     """
     request = urllib.request.Request(f"{url}/api/jobs/", headers={"Authorization": f"Bearer {token()}"})
     try:
-        with urllib.request.urlopen(request, timeout=PATIENCE):
-            return
+        with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
+            return {job["submission_id"] for job in json.load(answer)}
     except urllib.error.HTTPError as error:
         if error.code in (401, 403):
             raise RunError(
                 f"{url}: asks for another token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN to the cluster's"
             ) from error
         raise RunError(f"{url}: does not take jobs (HTTP {error.code}): give the dashboard's address") from error
+    except (KeyError, TypeError, json.JSONDecodeError) as error:
+        raise RunError(f"{url}: is no dashboard of Ray: give the dashboard's address") from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "reason", error)
         raise RunError(f"{url}: cannot be reached ({reason}): start the cluster, or give --address") from error

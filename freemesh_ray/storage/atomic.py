@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -36,8 +37,12 @@ def replacing(path: Path) -> Iterator[Path]:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error}): check the place") from error
 
 
-def check_writable(path: Path) -> None:
+def check_writable(path: Path, *, parents: bool = False) -> None:
     """Before any work: whether ``path`` could be written.
+
+    Args:
+        path: of a file.
+        parents: whether missing folders above it will be made.
 
     Raises:
         OutputError: it is a folder, or lies where no file can be made.
@@ -51,6 +56,9 @@ def check_writable(path: Path) -> None:
         raise OutputError(f"{path.name[:40]}...: cannot be written ({error.strerror})") from error
     if folder:
         raise OutputError(f"{path}: is a folder: name a file in it")
+    if existing != path.parent and not parents:
+        fix = shlex.join(["mkdir", "-p", str(path.parent)])
+        raise OutputError(f"{path}: there is no folder {path.parent}: `{fix}` makes it")
     try:
         with tempfile.TemporaryFile(dir=existing):  # permissions alone do not tell
             pass

@@ -24,7 +24,7 @@ from freemesh_ray.studies.plan import Plan, SearchPlan, VariantPlan, variant_pla
 from freemesh_ray.studies.progress import StudyProgress
 from freemesh_ray.studies.study_folder import OVER, StudyError, StudyFolder, TrialRecord
 from freemesh_ray.studies.trainable import TrialTrainable, finished
-from freemesh_ray.tracking import Run, share
+from freemesh_ray.tracking import MLflowRun, share
 from freemesh_ray.tracking.provenance import source
 from freemesh_ray.training.job import tags
 from freemesh_ray.training.loop import Algorithm
@@ -99,7 +99,7 @@ def run(
     folder.claim(study, resume)
     records = merged(records, folder.read())
     tracking = study.settings_of_all()["tracking"]
-    with Run(
+    with MLflowRun(
         folder.path,
         uri=tracking["uri"],
         experiment=tracking["experiment"],
@@ -248,7 +248,7 @@ def best_trial(
     return max(found, key=lambda pair: float(pair[1][metric]), default=(None, {}))
 
 
-def register_best(parent: Run, study: Study, folder: StudyFolder, best: TrialRecord, score: float) -> None:
+def register_best(parent: MLflowRun, study: Study, folder: StudyFolder, best: TrialRecord, score: float) -> None:
     """Make the best policy a version of the study's registered model, under the alias `best`."""
     policy = folder.run_of(best).policy
     about = Policy.load(policy).about

@@ -14,9 +14,9 @@ from ray import tune
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.studies.plan import Plan, Trial
-from freemesh_ray.tracking import Run
+from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.job import deliver, tags
+from freemesh_ray.training.job import conclude, tags
 from freemesh_ray.training.loop import Algorithm, Training
 from freemesh_ray.training.run_folder import RunFolder
 
@@ -69,13 +69,13 @@ class TrialTrainable(tune.Trainable):
     def _begin(self, trial: Trial) -> None:
         _, make, study, parent = self._about
         self._training: Training | None = None
-        self._run: Run | None = None
+        self._run: MLflowRun | None = None
         self._figures = finished(trial.folder)
         if self._figures is not None:  # it ended after Tune last wrote its record
             return
         trial.folder.path.mkdir(parents=True, exist_ok=True)
         tracking = trial.config["tracking"]
-        self._run = Run(
+        self._run = MLflowRun(
             trial.folder.path,
             uri=tracking["uri"],
             experiment=tracking["experiment"],
@@ -108,7 +108,7 @@ class TrialTrainable(tune.Trainable):
             self._run.metrics(self._drawn, step=training.progress.env_steps)
             figures |= {key: getattr(training.progress, key) for key in ("env_steps", "updates", "seconds")}
             if training.done():
-                deliver(training)
+                conclude(training)
                 with replacing(training.folder.path / FINISHED) as draft:
                     draft.write_text(json.dumps(figures))
                 self._run.close()

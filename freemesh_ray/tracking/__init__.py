@@ -1,7 +1,7 @@
-"""MLflow tracking that training never waits for and never fails by; beside `served`, the one place to import MLflow.
+"""MLflow tracking that training never waits for and never fails by; the one package that imports MLflow.
 
-What a run has to say is first appended, as JSON lines, to a journal in the run's folder; a thread of its own delivers
-the journal to the store in batches:
+What a run records is first appended, as JSON lines, to a journal in the run's folder; a thread of its own uploads the
+journal to the store in batches:
 
     metrics(...) --> <run folder>/tracking/<id>.jsonl --> thread: log_batch --> MLflow store
                      <run folder>/tracking/<id>.json  (how far, which MLflow run)
@@ -9,16 +9,16 @@ the journal to the store in batches:
 So the queue between training and the store is a file: it takes no memory, it outlives a killed process, and what an
 absent store did not get is delivered by the run's resumption or by `sync`. Delivery can be repeated: an entry keeps its
 time stamp, and MLflow stores equal entries once. The journal is locked while its run lives; the kernel frees the lock
-of a process that was killed, which is how a later start tells a dead run (and marks it FAILED) from one still at work.
+of a killed process, which is how a later start tells a killed run (and marks it FAILED) from one still at work.
 
-A study is one run with a child for each trial. A child names its parent by the parent's `Run.id`, which is known before
-any store was reached; its journal waits until the parent is in the store. A policy is registered the same way.
+A study is one run with a child for each trial. A child names its parent by the parent's `MLflowRun.id`, which is known
+before any store was reached; its journal waits until the parent is in the store. A policy is registered the same way.
 """
 
+from freemesh_ray.tracking.mlflow_run import MLflowRun, Status
 from freemesh_ray.tracking.registry import register
-from freemesh_ray.tracking.run import Run, Status
 from freemesh_ray.tracking.sharing import share
-from freemesh_ray.tracking.store import TrackingError, absolute
+from freemesh_ray.tracking.store import TrackingError, absolute, browsing
 from freemesh_ray.tracking.syncing import sync
 
-__all__ = ["Run", "Status", "TrackingError", "absolute", "register", "share", "sync"]
+__all__ = ["MLflowRun", "Status", "TrackingError", "absolute", "browsing", "register", "share", "sync"]

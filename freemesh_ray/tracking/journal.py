@@ -1,7 +1,7 @@
-"""A run's journal: what it has to say to the tracking store, as JSON lines in its folder.
+"""A run's journal: what it records for the tracking store, as JSON lines in its folder.
 
 The journal is locked while its run lives; the kernel frees the lock of a process that was killed, which is how a later
-start tells a dead run from one still at work.
+start tells a killed run from one still at work.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from typing import Any
 
 Event = dict[str, Any]
 
-#: How long a run that is taken up again waits for its journal: another run that began at the same moment, as a study's
-#: trials do together, may be busy to mark it FAILED.
-BURIAL_SECONDS = 20.0
+#: Seconds that a resumed run waits for its journal: another run that began at the same moment, as a study's trials do
+#: together, may hold it to mark it FAILED.
+PATIENCE_SECONDS = 20.0
 
 
 @dataclass
@@ -156,7 +156,7 @@ def shared(folder: Path) -> Path:
 def latest(folder: Path, run_id: str | None) -> Journal | None:
     """The newest journal of ``folder`` that can be claimed, and that is of ``run_id`` when one is given."""
     for path in reversed(journals(folder)):
-        journal = Journal.claim(path, BURIAL_SECONDS)
+        journal = Journal.claim(path, PATIENCE_SECONDS)
         if journal and run_id in (None, journal.state.run_id):
             return journal
         if journal:
@@ -173,7 +173,7 @@ def _locked(descriptor: int) -> bool:
     return True
 
 
-def said(kind: str, **content: Any) -> Event:
+def new_event(kind: str, **content: Any) -> Event:
     """An entry for a journal, with the time."""
     return {"kind": kind, "time": now(), **content}
 

@@ -13,15 +13,12 @@ from typing import Any
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.tracking.store import (
-    REFUSED,
-    SQLITE,
     TrackingError,
     absolute,
-    brief,
     connect,
     experiment_id,
+    failure,
     run_of,
-    unreachable,
 )
 
 #: MLflow keeps a copy of this file with the model, and runs it to load the model.
@@ -42,14 +39,14 @@ def register(
     tags: Mapping[str, str] | None = None,
     description: str = "",
 ) -> str:
-    """Register a policy now; the same policy of the same run is registered once. See `Run.model` for later.
+    """Register a policy now; the same policy of the same run is registered once. See `MLflowRun.model` for later.
 
     Args:
         policy: a ``policy.npz``.
-        uri: of the store, as for Run.
+        uri: of the store, as for MLflowRun.
         name: of the registered model; it is made when there is none.
         alias: given to the version, and taken from the one that had it: ``models:/NAME@ALIAS``.
-        run: the run it comes from, by `Run.id` or MLflow's id; None: one is made, in the experiment ``name``.
+        run: the run it comes from, by `MLflowRun.id` or MLflow's id; None: one is made, in the experiment ``name``.
         tags: of the version, beside the git commit.
         description: of the version.
 
@@ -72,12 +69,8 @@ def register(
             client, Path(policy), source, mark=mark, name=name, alias=alias,
             tags={**(tags or {}), **commit(provenance())}, description=description,
         )  # fmt: skip
-    except TrackingError:
-        raise
     except Exception as error:
-        if getattr(error, "error_code", None) in REFUSED:
-            raise TrackingError(f"{uri}: refuses the model {name} ({brief(error)})") from error
-        raise unreachable(uri, error) from error
+        raise failure(uri, error) from error
 
 
 def add_version(
@@ -104,7 +97,7 @@ def add_version(
     if made is None:
         model = _logged_model(client, policy, run, mark, name)
         # A sqlite registry would look models:/ID up in whatever store the process has as its default.
-        direct = client.tracking_uri.startswith(SQLITE)
+        direct = client.tracking_uri.startswith("sqlite")
         made = client.create_model_version(
             name, model.artifact_location if direct else f"models:/{model.model_id}", run_id=run.info.run_id,
             model_id=model.model_id, tags={**tags, "freemesh.model": mark}, description=description,

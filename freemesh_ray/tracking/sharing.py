@@ -1,4 +1,4 @@
-"""A run that is done in one study and wanted in another as well: told again, as a child of the other study's run."""
+"""A run that one study trained and another needs as well: recorded again, as a child of the other study's run."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ def share(
     parent: str,
     tags: Mapping[str, str] | None = None,
 ) -> str | None:
-    """Make a finished run known as a child of another parent too: its parameters, metrics and artifacts, once more.
+    """Record a finished run once more, as a child of another parent: its parameters, metrics and artifacts.
 
-    Told twice, for the same run and parent, it is one run. The copy of its journal is delivered by the parent while it
-    is at work, and else by `sync`; this neither waits nor raises.
+    Recorded twice, for the same run and parent, it is one run. The copy of its journal is delivered by the parent while
+    that is at work, and else by `sync`; this neither waits nor raises.
 
     Args:
         folder: the finished run's folder.
         into: the other parent's folder; the copy is kept in ``tracking/shared`` below it.
-        uri, experiment, name: see Run.
-        parent: `Run.id` of the other parent.
-        tags: these replace the run's own; ``freemesh.shared_from`` is the id of the run as it was first told.
+        uri, experiment, name: see MLflowRun.
+        parent: `MLflowRun.id` of the other parent.
+        tags: these replace the run's own; ``freemesh.shared_from`` is the id of the run as it was first recorded.
 
     Returns:
-        The id of the child, as `Run.id`; None when the run was never tracked or the copy cannot be written.
+        The id of the child, as `MLflowRun.id`; None when the run was never tracked or the copy cannot be written.
     """
     try:
         original = journals(Path(folder))[-1]
@@ -53,7 +53,7 @@ def share(
         with replacing(place.with_suffix(".json")) as draft:
             draft.write_text(json.dumps(asdict(State(absolute(uri), experiment))), encoding="utf-8")
         with replacing(place) as draft, draft.open("w", encoding="utf-8") as file:
-            for event in _retold(original, name, parent, {**(tags or {}), **own}):
+            for event in _copied(original, name, parent, {**(tags or {}), **own}):
                 file.write(json.dumps(event) + "\n")
     except Exception as error:
         log.warning("tracking: %s is not shared (%s)", folder, brief(error))
@@ -61,7 +61,7 @@ def share(
     return place.stem
 
 
-def _retold(original: Path, name: str, parent: str, tags: dict[str, str]) -> Iterator[Event]:
+def _copied(original: Path, name: str, parent: str, tags: dict[str, str]) -> Iterator[Event]:
     """The journal's events under another name, parent and tags."""
     for event, _ in Journal.entries(original):
         if event.get("kind") == "start":

@@ -7,11 +7,15 @@ import logging
 import os
 import posixpath
 import re
+import shlex
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from shutil import which
 from typing import Any
 
+from freemesh_ray.config.paths import shown
 from freemesh_ray.errors import FAILED, UserError
 
 log = logging.getLogger(__name__)
@@ -32,17 +36,30 @@ ENVIRONMENT = {
 REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST"}
 SQLITE = "sqlite:///"
 
+#: What helps against a failure, by what is in its message.
+FIXES = {
+    "code 401": "give user and password in MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD",
+    "code 403": "let the server allow the name that it is called by (--allowed-hosts), and its user to write",
+    "deleted": "restore it there (mlflow runs restore), or give another store's uri",
+    "refuses": "mend what it names, or give another store's uri",
+    "cannot be reached": "start the server, or give another store's uri",
+}
+
 
 class TrackingError(UserError, RuntimeError):
-    """The store cannot be reached; one line with its address, the reason and the fix."""
+    """The store cannot be reached, or refuses; one line with its address, the reason and the fix."""
 
     exit_code = FAILED
 
 
-def unreachable(uri: str, error: BaseException) -> TrackingError:
-    """The error that says so."""
-    fix = "start the server, or give another store's uri"
-    return TrackingError(f"{uri}: cannot be reached ({brief(error)}): {fix}")
+def failure(uri: str, error: BaseException) -> TrackingError:
+    """What an exception of MLflow's, or of the network, means, and what helps."""
+    if isinstance(error, TrackingError):
+        return error
+    refused = getattr(error, "error_code", None) in REFUSED
+    what = "refuses" if refused else "cannot be reached"
+    fix = next((fix for sign, fix in FIXES.items() if sign in str(error)), None)
+    return TrackingError(f"{uri}: {what} ({brief(error)}): {fix or FIXES[what]}")
 
 
 def mlflow_client() -> Any:
@@ -60,7 +77,8 @@ def connect(uri: str) -> Any:
     """A client of the store at ``uri``; a sqlite store is made when there is none."""
     with _one_at_a_time(uri):
         _make_whole(uri)
-        return mlflow_client()(uri, uri)
+        address = address_of(uri)
+        return mlflow_client()(address, address)
 
 
 def absolute(uri: str) -> str:
@@ -69,9 +87,38 @@ def absolute(uri: str) -> str:
     return uri if path == uri or path.startswith(":") else f"{SQLITE}{Path(path).absolute()}"
 
 
+def address_of(uri: str) -> str:
+    """The store's URI as MLflow reads it: ``%`` and ``?`` in a file's name are escaped.
+
+    MLflow makes the folder that an escaped ``sqlite:///`` URI spells, but none for a URI that names the driver too.
+    """
+    path = uri.removeprefix(SQLITE)
+    if path == uri or not {"%", "?"} & set(path):
+        return uri
+    return f"sqlite+pysqlite:///{path.replace('%', '%25').replace('?', '%3F')}"
+
+
+def browsing(uri: str) -> str:
+    """What shows the store in a browser: a command to paste into a shell, or the server's own address."""
+    if not uri.startswith(SQLITE):
+        return uri
+    mlflow = "mlflow" if which("mlflow") else shown(Path(sys.executable).with_name("mlflow"))
+    return shlex.join([mlflow, "ui", "--backend-store-uri", address_of(shown(uri))])
+
+
 def experiment_id(client: Any, uri: str, name: str) -> str:
-    """The experiment's id, made when there is none; a sqlite store keeps its artifacts in ``mlartifacts`` beside it."""
+    """The experiment's id, made when there is none; a sqlite store keeps its artifacts in ``mlartifacts`` beside it.
+
+    Raises:
+        TrackingError: the experiment is deleted.
+    """
     found = client.get_experiment_by_name(name)
+    if found and found.lifecycle_stage == "deleted":
+        restore = f"mlflow experiments restore --experiment-id {found.experiment_id}"
+        raise TrackingError(
+            f"{uri}: the experiment {name!r} is deleted: restore it "
+            f"(MLFLOW_TRACKING_URI={shlex.quote(address_of(uri))} {restore}), or set another tracking.experiment"
+        )
     if found:
         return found.experiment_id
     path = Path(uri.removeprefix(SQLITE))
@@ -130,5 +177,5 @@ def _make_whole(uri: str) -> None:
         return
     draft = path.with_name(f".{path.name}.draft")
     draft.unlink(missing_ok=True)
-    mlflow_client()(f"{SQLITE}{draft}").search_experiments(max_results=1)
+    mlflow_client()(address_of(f"{SQLITE}{draft}")).search_experiments(max_results=1)
     os.replace(draft, path)

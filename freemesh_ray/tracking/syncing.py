@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from freemesh_ray.tracking.journal import Journal, State
-from freemesh_ray.tracking.store import absolute, mlflow_client, unreachable
-from freemesh_ray.tracking.uploader import Courier, ParentAwayError
+from freemesh_ray.tracking.store import TrackingError, absolute, failure, mlflow_client
+from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
 
 log = logging.getLogger(__name__)
 
@@ -26,17 +26,19 @@ def sync(folder: str | Path, uri: str | None = None, also: Sequence[Path] = ()) 
         and that is not among them, are left to themselves.
 
     Raises:
-        TrackingError: the store cannot be reached.
+        TrackingError: the store cannot be reached, or nothing was tracked below the folder.
     """
     mlflow_client()
     delivered = 0
     waiting = sorted({path for root in (Path(folder), *also) for path in root.rglob("tracking/**/*.jsonl")})
+    if not waiting:
+        raise TrackingError(f"{folder}: nothing was tracked here: give a run's folder, or one above many")
     while waiting:  # each round delivers a generation: parents, then their children
         orphans = []
         for path in waiting:
             try:
                 delivered += _settle(path, uri)
-            except ParentAwayError as error:
+            except ParentMissingError as error:
                 orphans.append((path, str(error)))
         if len(orphans) == len(waiting):
             for path, why in orphans:
@@ -49,15 +51,15 @@ def sync(folder: str | Path, uri: str | None = None, also: Sequence[Path] = ()) 
 def _settle(path: Path, uri: str | None) -> int:
     journal = Journal.claim(path)
     if journal is None:
-        log.warning("tracking: %s belongs to a run that is at work, or is damaged; left as it is", path)
+        log.warning("tracking: %s belongs to a run that is at work, or is damaged: sync again when it is over", path)
         return 0
     try:
         if uri is not None and absolute(uri) != journal.state.uri:
             journal.state = State(absolute(uri), journal.state.experiment)
-        return Courier(journal).settle()
-    except ParentAwayError:
+        return Uploader(journal).settle()
+    except ParentMissingError:
         raise
     except Exception as error:
-        raise unreachable(journal.state.uri, error) from error
+        raise failure(journal.state.uri, error) from error
     finally:
         journal.release()

@@ -1,4 +1,4 @@
-"""The courier: carries a journal to its store."""
+"""Uploads a journal to its store."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from freemesh_ray.tracking import registry
-from freemesh_ray.tracking.journal import Event, Journal, now, said, shared
+from freemesh_ray.tracking.journal import Event, Journal, new_event, now, shared
 from freemesh_ray.tracking.store import (
     METRICS_PER_BATCH,
     PARAMS_PER_BATCH,
@@ -28,12 +28,12 @@ log = logging.getLogger(__name__)
 LINES = 1000
 
 
-class ParentAwayError(RuntimeError):
+class ParentMissingError(RuntimeError):
     """The store does not have the parent's run yet; the child waits for it."""
 
 
-class Courier:
-    """Carries a journal to its store. Every method raises when the store cannot be reached, and may be called again.
+class Uploader:
+    """Uploads a journal to its store. Every method raises when the store cannot be reached, and may be called again.
 
     Its memory is two numbers a metric and a path a shared run, however long the journals.
     """
@@ -59,7 +59,7 @@ class Courier:
             The number of journal lines that arrived.
 
         Raises:
-            ParentAwayError: the run belongs to one that the store does not have yet.
+            ParentMissingError: the run belongs to one that the store does not have yet.
         """
         count = 0
         while lines := list(itertools.islice(self.journal.read(self.journal.state.sent), LINES)):
@@ -78,7 +78,7 @@ class Courier:
         for event, _ in self.journal.read():
             last = event
         if last.get("kind") != "end":
-            self.journal.append({**said("end", status="FAILED"), "time": last.get("time", now())})
+            self.journal.append({**new_event("end", status="FAILED"), "time": last.get("time", now())})
         return self.deliver()
 
     def deliver_shared(self) -> None:
@@ -87,14 +87,14 @@ class Courier:
             if path in self._shared or not (journal := Journal.claim(path)):
                 continue
             try:
-                Courier(journal).settle()
-            except ParentAwayError:
+                Uploader(journal).settle()
+            except ParentMissingError:
                 pass  # it was shared with an earlier run of this folder
             finally:
                 journal.release()
             self._shared.add(path)
 
-    def bury_the_dead(self) -> None:
+    def fail_killed_runs(self) -> None:
         """Mark FAILED what this machine's killed processes left RUNNING in the experiment."""
         client, state = self._store(), self.journal.state
         query = f"attributes.status = 'RUNNING' and tags.`freemesh.host` = '{platform.node()}'"
@@ -106,7 +106,7 @@ class Courier:
                 client.set_terminated(run.info.run_id, "FAILED")
             elif journal := Journal.claim(path):
                 try:
-                    Courier(journal).settle()
+                    Uploader(journal).settle()
                 finally:
                     journal.release()
 
@@ -149,7 +149,7 @@ class Courier:
             return {}
         parent = run_of(self._store(), self._experiment(), own_id)
         if parent is None:
-            raise ParentAwayError(f"its parent {own_id} is not there yet")
+            raise ParentMissingError(f"its parent {own_id} is not there yet")
         return {"mlflow.parentRunId": parent.info.run_id}
 
     def _describe(self, params: dict[str, str], tags: dict[str, str]) -> None:

@@ -1,6 +1,6 @@
 """The main job: train, evaluate, checkpoint, keep the best policy; then mesh every stage with it.
 
-    build -> [ train -> evaluate every interval -> checkpoint every interval ] -> mesh, draw, export
+    claim -> build -> [ train -> evaluate every interval -> checkpoint every interval ] -> mesh, draw, export
 
 The loop in brackets is `freemesh_ray.training.loop`.
 """
@@ -17,59 +17,22 @@ from pathlib import Path
 from typing import Any
 
 from envs.domains.load import source
-from envs.mesh import Mesh
 from envs.types import Domain, DomainError
-from freemesh_ray import export, plots
+from freemesh_ray import plots
 from freemesh_ray.config import ConfigError, dump, flatten
 from freemesh_ray.config import load as load_config
-from freemesh_ray.mesher import MeshingError, make
-from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.policies.evaluation import MODES, metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError, replacing
-from freemesh_ray.tracking import Run
+from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.loop import Algorithm, Progress, Status, Training
 from freemesh_ray.training.run_folder import RunError, RunFolder, TrainingError
+from freemesh_ray.training.stage_meshes import FINISHED, RAW, StageMeshes, mesh_stage
 
 
 @dataclass(frozen=True)
-class Produced:
-    """One stage meshed with the best policy.
-
-    Attributes:
-        domain: its name.
-        mesh: None where the policy did not complete it.
-        figures: metrics of the mesh (metrics.measure); empty without one.
-        files: written, picture first.
-        reason: why there is no mesh.
-    """
-
-    domain: str
-    mesh: Mesh | None
-    figures: dict[str, float]
-    files: list[Path]
-    reason: str = ""
-
-
-def produce(policy: Policy, domain: Domain, folder: Path) -> Produced:
-    """Mesh a domain and write its picture and its .vtu, .msh and .inp into ``folder``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        made = make(policy, domain, smooth=False, clean=False)
-    except MeshingError as error:
-        return Produced(domain.name, None, {}, [], str(error))
-    if made.filled:
-        return Produced(domain.name, None, {}, [], f"the policy left a part that takes {made.filled} elements to fill")
-    files = [folder / f"{domain.name}{suffix}" for suffix in (".png", ".vtu", ".msh", ".inp")]
-    plots.draw_mesh(made.raw, files[0])
-    for path in files[1:]:
-        export.write(made.raw, path)
-    return Produced(domain.name, made.raw, measure(made.raw), files)
-
-
-@dataclass(frozen=True)
-class Trained:
+class TrainingResult:
     """What the main job leaves.
 
     Attributes:
@@ -77,15 +40,18 @@ class Trained:
         policy: file of the best policy.
         checkpoint: newest checkpoint.
         curve: picture of the learning curve.
-        produced: one entry a stage.
+        stages: each meshed with the best policy.
     """
 
     progress: Progress
     policy: Path
     checkpoint: Path
     curve: Path
-    produced: list[Produced]
+    stages: list[StageMeshes]
 
+
+#: What the meshes' metrics begin with.
+METRICS = {RAW: "mesh", FINISHED: "finished"}
 
 #: Errors of the input or the place, which going back to a checkpoint does not mend.
 FINAL = (DomainError, ConfigError, RunError, OutputError, checkpoint.CheckpointError)
@@ -99,7 +65,7 @@ def train(
     report: Callable[[Status], None] = lambda status: None,
     note: Callable[[str], None] = lambda line: None,
     interrupted: Callable[[], bool] = lambda: False,
-) -> Trained:
+) -> TrainingResult:
     """The whole main job; what fails on the way goes on from the last checkpoint.
 
     Args:
@@ -109,13 +75,26 @@ def train(
         report, note, interrupted: see Training.
 
     Raises:
-        DomainError, RunError: see `prepare`.
+        DomainError, RunError, InUseError: see `claimed`.
         ConfigError: a setting that cannot be had here, as a GPU.
         TrainingError: it failed more often in a row than ``checkpoint.retries``.
         CheckpointError: none of its checkpoints can be read.
         OutputError: something cannot be written.
     """
-    folder = prepare(config, resume)
+    with claimed(config, resume) as folder:
+        return _retried(config, folder, resume, make, report, note, interrupted)
+
+
+def _retried(
+    config: Mapping[str, Any],
+    folder: RunFolder,
+    resume: bool,
+    make: Callable[[Mapping[str, Any]], Algorithm],
+    report: Callable[[Status], None],
+    note: Callable[[str], None],
+    interrupted: Callable[[], bool],
+) -> TrainingResult:
+    """`train` in a folder that is this process's."""
     failures = 0
     while True:
         before = [path.name for path in checkpoint.found(folder.checkpoints)]
@@ -146,12 +125,12 @@ def _attempt(
     report: Callable[[Status], None],
     note: Callable[[str], None],
     interrupted: Callable[[], bool],
-) -> Trained:
+) -> TrainingResult:
     """`train` until something fails; after failures with other random numbers, which may not bring them about again."""
     tracking = config["tracking"]
     with (
         started(make, config) as algorithm,
-        Run(
+        MLflowRun(
             folder.path,
             uri=tracking["uri"],
             experiment=tracking["experiment"],
@@ -171,8 +150,9 @@ def _attempt(
             draft.write_text(dump(config))
         run.artifact(folder.config)
         training.loop()
-        produced = deliver(training)
-    return Trained(training.progress, folder.policy, checkpoint.found(folder.checkpoints)[0], folder.curve, produced)
+        stages = conclude(training)
+    newest = checkpoint.found(folder.checkpoints)[0]
+    return TrainingResult(training.progress, folder.policy, newest, folder.curve, stages)
 
 
 @contextmanager
@@ -205,20 +185,32 @@ def tags(config: Mapping[str, Any]) -> dict[str, str]:
 FIXED = ("algorithm", "env.", "learner.hidden", "curriculum.stages")
 
 
-def prepare(config: Mapping[str, Any], resume: bool) -> RunFolder:
-    """What can be wrong before anything is started: the stages, the run that goes on, and its folder, which is made.
+def prepare(config: Mapping[str, Any], resume: bool) -> None:
+    """Before anything is started: see what `claimed` would refuse.
+
+    Raises:
+        DomainError, RunError, InUseError: see `claimed`.
+    """
+    with claimed(config, resume):
+        pass
+
+
+@contextmanager
+def claimed(config: Mapping[str, Any], resume: bool) -> Iterator[RunFolder]:
+    """The run's folder, which is made; no other process trains in it meanwhile.
 
     Raises:
         DomainError: a stage that cannot be meshed or trained on, or two of one name.
         RunError: the run has checkpoints and ``resume`` is false, it was begun with other settings, or its folder
             cannot be made.
+        InUseError: another process trains in it.
     """
     check_stages(config)
     folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
-    if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
-        check_unchanged(folder, config)
-    folder.claim(resume)
-    return folder
+    with folder.claimed(resume):
+        if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
+            check_unchanged(folder, config)
+        yield folder
 
 
 def check_stages(config: Mapping[str, Any]) -> None:
@@ -250,26 +242,26 @@ def check_unchanged(folder: RunFolder, config: Mapping[str, Any]) -> None:
             )
 
 
-def deliver(training: Training) -> list[Produced]:
-    """What a training that came to its end leaves: every stage meshed with the best policy, and the learning curve.
+def conclude(training: Training) -> list[StageMeshes]:
+    """Mesh every stage of a training that came to its end with its best policy, and draw the learning curve.
 
-    Files and the meshes' figures are tracked.
+    Files and the meshes' figures are tracked: ``mesh/DOMAIN/...`` of the raw ones, ``finished/DOMAIN/...`` of the
+    finished ones.
+
+    Raises:
+        OutputError: a file cannot be written.
     """
-    policy = Policy.load(training.folder.policy)
-    produced = []
-    for stage in training.config["curriculum"]["stages"]:
-        domain = source(stage)
-        example = domain if isinstance(domain, Domain) else domain.held_out(1)[0]
-        entry = produce(policy, example, training.folder.meshes)
-        training.run.metrics(
-            {f"mesh/{entry.domain}/{name}": value for name, value in entry.figures.items()},
-            step=training.progress.env_steps,
-        )
-        produced.append(entry)
-    curve = draw_curve(training.folder)
-    for path in [training.folder.policy, curve, *(file for entry in produced for file in entry.files)]:
-        training.run.artifact(path, "meshes" if path.parent.name == "meshes" else None)
-    return produced
+    folder = training.folder
+    policy = Policy.load(folder.policy)
+    stages = [mesh_stage(policy, stage, folder.meshes) for stage in training.config["curriculum"]["stages"]]
+    for stage in stages:
+        for name, prefix in METRICS.items():
+            figures = stage.figures.get(name, {})
+            values = {f"{prefix}/{stage.domain}/{key}": value for key, value in figures.items()}
+            training.run.metrics(values, step=training.progress.env_steps)
+    for path in [folder.policy, draw_curve(folder), *(file for stage in stages for file in stage.files)]:
+        training.run.artifact(path, "meshes" if path.parent == folder.meshes else None)
+    return stages
 
 
 def draw_curve(folder: RunFolder) -> Path:

@@ -20,7 +20,7 @@ from freemesh_ray.config import ALGORITHMS, meshing_parameters
 from freemesh_ray.policies.evaluation import COMPLETION, MODES, RETURN, metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError
-from freemesh_ray.tracking import Run
+from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.training import checkpoint, metrics
 from freemesh_ray.training.run_folder import RunFolder
@@ -121,7 +121,7 @@ class Training:
     algorithm: Algorithm
     config: Mapping[str, Any]
     folder: RunFolder
-    run: Run
+    run: MLflowRun
     report: Callable[[Status], None] = lambda status: None
     note: Callable[[str], None] = lambda line: None
     interrupted: Callable[[], bool] = lambda: False

@@ -5,9 +5,10 @@ runs/NAME/config.yaml            the resolved configuration
           checkpoints/step_...   to go on from
           policy.npz             the best policy
           learning_curve.png
-          meshes/                every stage meshed with it
+          meshes/                every stage meshed with it, raw and finished
           tracking/              the tracking journal
           failures.log           what went wrong and was recovered from
+          .lock                  held by the process that trains here
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from freemesh_ray.errors import FAILED, UserError
 from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.lock import held
 from freemesh_ray.training import checkpoint
 
 
@@ -79,17 +83,14 @@ class RunFolder:
         """Folder of the stages' meshes."""
         return self.path / "meshes"
 
-    def claim(self, resume: bool) -> None:
-        """Make the folder for a run.
+    @contextmanager
+    def claimed(self, resume: bool) -> Iterator[None]:
+        """Make the folder for a run and hold its lock.
 
         Raises:
             RunError: it has checkpoints and ``resume`` is false, or it cannot be made.
+            InUseError: another process trains in it.
         """
-        started = bool(checkpoint.found(self.checkpoints))
-        if started and not resume:
-            raise RunError(
-                f"{self.path} already holds a run: add --resume to go on, or --set name=OTHER to begin another"
-            )
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -98,8 +99,15 @@ class RunFolder:
             ) from error
         if not os.access(self.path, os.W_OK):
             raise RunError(f"{self.path}: cannot be written to: set paths.runs to another place")
-        if not started:
-            self.forget_after(-1)
+        with held(self.path, "wait for its end, or --set name=OTHER to begin another"):
+            started = bool(checkpoint.found(self.checkpoints))
+            if started and not resume:
+                raise RunError(
+                    f"{self.path} already holds a run: add --resume to go on, or --set name=OTHER to begin another"
+                )
+            if not started:
+                self.forget_after(-1)
+            yield
 
     def read_evaluations(self) -> list[dict[str, Any]]:
         """One entry an evaluation, in the order of their steps; a damaged line, as a kill leaves it, is left out."""

@@ -11,6 +11,7 @@ import pytest
 import torch
 from fixed_temperature import registered
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
+from ray.tune.trainable import trainable
 
 from freemesh_ray import config
 from freemesh_ray.algorithms.build import build, config_class
@@ -80,6 +81,14 @@ def test_rounds_train_and_count(name: str) -> None:
     for key, value in acting.items():
         np.testing.assert_array_equal(value, weights(algorithm)[key], err_msg=key)
     algorithm.stop()
+
+
+def test_nothing_is_left_in_the_user_s_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trainable, "DEFAULT_STORAGE_PATH", str(tmp_path / "ray_results"))
+    algorithm = make("sac")
+    rounds(algorithm, 100)
+    algorithm.stop()
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", NAMES)

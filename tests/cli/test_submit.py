@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import logging
+import random
 import shlex
 import shutil
+import threading
 import zipfile
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
 import yaml
 from processes import ROOT, free_port
+from ray._private.runtime_env import packaging
 
 from freemesh_ray.cli import command, submit
-from freemesh_ray.errors import INTERRUPTED
+from freemesh_ray.errors import BAD_INPUT, INTERRUPTED
 from freemesh_ray.jobs import server
 from freemesh_ray.jobs.submit_line import RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
@@ -155,7 +160,7 @@ def test_who_stops_following_is_told_how_to_stop_the_job(
         ran.append(line)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(server, "ask", lambda url: None)
+    monkeypatch.setattr(server, "submitted", lambda url: set())
     monkeypatch.setattr(submit, "follow", follow)
     assert command.main(["submit", "--address", "http://head:8265", "--", "train"]) == INTERRUPTED
     out, err = capsys.readouterr()
@@ -164,6 +169,52 @@ def test_who_stops_following_is_told_how_to_stop_the_job(
     assert job.startswith("train-main-")
     assert f"the job goes on: `ray job logs --address http://head:8265 {job} --follow`" in err
     assert f"`ray job stop --address http://head:8265 {job}` ends it" in err
+
+
+@pytest.fixture
+def dashboard() -> Iterator[str]:
+    """A server that lists one job, called "it's mine"."""
+
+    class Answers(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(json.dumps([{"submission_id": "it's mine"}, {"submission_id": None}]).encode())
+
+        def log_message(self, *arguments: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Answers) as served:
+        threading.Thread(target=served.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{served.server_port}"
+        served.shutdown()
+
+
+def test_an_id_that_was_used_before_is_one_line(dashboard: str, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["submit", "--address", dashboard, "--submission-id", "it's mine", "--", "train"]
+    assert command.main(line) == BAD_INPUT
+    err = capsys.readouterr().err
+    assert err.startswith("freemesh: it's mine: a job was submitted under this id before: give another")
+    assert err.count("\n") == 1
+    (fix,) = err.split("`")[1::2]
+    assert shlex.split(fix) == ["ray", "job", "delete", "--address", dashboard, "it's mine"]
+
+
+def test_a_checkout_that_is_too_large_to_upload_is_one_line(
+    dashboard: str, checkout: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(packaging, "GCS_STORAGE_MAX_SIZE", 2**20)
+    monkeypatch.setattr(submit, "follow", lambda line: 0)
+    line = ["submit", "--address", dashboard, "--", "train"]
+    assert command.main(line) == 0
+    (checkout / "old").mkdir()
+    (checkout / "old" / "results.bin").write_bytes(random.Random(0).randbytes(2**21))
+    assert command.main(line) == BAD_INPUT
+    err = capsys.readouterr().err
+    assert err.startswith(f"freemesh: {checkout}: would upload 2 MiB, Ray takes 1: name old/results.bin (2 MiB) in ")
+    assert err.count("\n") == 1
+    (checkout / ".gitignore").write_text("old/results.bin\n")
+    assert command.main(line) == 0
 
 
 def test_address_and_token_are_found_where_ray_finds_them(tmp_path: Path) -> None:
@@ -182,11 +233,9 @@ def test_address_and_token_are_found_where_ray_finds_them(tmp_path: Path) -> Non
 
 def test_the_upload_is_small_and_has_all_that_a_job_needs(tmp_path: Path) -> None:
     """Packed by Ray itself, which leaves out what .gitignore names."""
-    from ray._private.runtime_env.packaging import create_package
-
     excludes = yaml.safe_load((ROOT / RUNTIME_ENV).read_text())["excludes"]
     package = tmp_path / "package.zip"
-    create_package(str(ROOT), package, True, excludes=excludes, logger=logging.getLogger("quiet"))
+    packaging.create_package(str(ROOT), package, True, excludes=excludes, logger=logging.getLogger("quiet"))
     names = zipfile.ZipFile(package).namelist()
     folders = {name.split("/")[0] for name in names}
     assert {"envs", "freemesh_ray", "tune_configs"} <= folders

@@ -77,7 +77,8 @@ def test_a_mesh_goes_to_the_domain_whose_boundary_it_keeps(tmp_path: Path) -> No
     export.write(mesh, tmp_path / "m.inp")
     assert placed(f"a={tmp_path / 'm.inp'}", [coarse, domain]).domain == "fine"
     assert placed(f"a={tmp_path / 'm.inp'}", [coarse]).domain == "coarse", "by its extent"
-    assert placed(f"part:7:a={tmp_path / 'm.inp'}", [replace(coarse, name="part:7"), domain]).domain == "part:7"
+    for name in ("part-7", "random-7_holes=1"):
+        assert placed(f"{name}:a={tmp_path / 'm.inp'}", [replace(coarse, name=name), domain]).domain == name
 
 
 def test_a_label_gathers_files_and_fails_where_it_has_none(tmp_path: Path) -> None:

@@ -64,6 +64,17 @@ def test_the_store_is_the_configuration_s_then_the_environment_s(monkeypatch: py
     assert resolved("tracking.uri=https://other")[2] == "https://other"
 
 
+@pytest.mark.parametrize("url", ["s3://bucket/runs", "gs://b", "file:///tmp/x", "hdfs+x://h"])
+def test_a_url_is_no_folder(url: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for key in ("paths.runs", "paths.studies"):
+        with pytest.raises(config.ConfigError, match=f"{key}: must be a folder, not a URL.*{url[:4]}"):
+            config.load([], [f"{key}={url}"])
+    monkeypatch.setenv(HOME, url)
+    with pytest.raises(config.ConfigError, match=f"^{HOME}: .*must be a folder, not a URL.*{url[:4]}"):
+        Places.here()
+    assert list(here.iterdir()) == []
+
+
 def test_settled_again_elsewhere_it_stays(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tree = Paths.from_environment().resolved(config.load())
     monkeypatch.setenv(HOME, "/elsewhere")

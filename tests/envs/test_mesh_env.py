@@ -112,7 +112,7 @@ def test_infos(seed: int) -> None:
     assert terminated != truncated
     assert end["completed"] == mesh.complete == terminated
     assert end["elements"] == len(mesh.quads)
-    assert (end["domain"], mesh.name) == ("random:11", "random:11")
+    assert (end["domain"], mesh.name) == ("random-11", "random-11")
     assert mesh.defects(load("random:11").area) == []
 
 

@@ -1,22 +1,29 @@
-"""The embedded Ray is its process's alone: it listens on the loopback device, and whoever has no token is refused."""
+"""The embedded Ray is its process's alone: it listens on the loopback device, whoever has no token is refused, and it
+needs neither a home that can be written to nor a short place for temporary files."""
 
 from __future__ import annotations
 
 import ipaddress
 import json
+import stat
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import pytest
 from processes import ROOT, outside
 
+from freemesh_ray.local_ray import SHORT_FOLDERS, SOCKET, SOCKET_PATH, private_folder
+from freemesh_ray.storage.atomic import OutputError
+
 OWN = """
 import json, os, subprocess, sys
-from freemesh_ray import cli
+from freemesh_ray.cli import command
 from freemesh_ray.local_ray import local_ray
 
-cli.main(["domains"])  # commands import Ray at various times
+command.main(["domains"])  # commands import Ray at various times
 
 STRANGER = "import ray, sys; ray.init(sys.argv[1], logging_level=50); print(len(ray.nodes()))"
 
@@ -31,15 +38,23 @@ with local_ray(1):
     others = {"own": {}, "other": {"RAY_AUTH_TOKEN": 64 * "0"}, "none": {"RAY_AUTH_MODE": "disabled"}}
     for who, variables in others.items():
         found[who] = subprocess.run(connect, env=os.environ | variables, capture_output=True).returncode == 0
-    print(json.dumps({"addresses": [each.laddr.ip for each in sockets if each.status == "LISTEN"], "let in": found}))
+    ours = os.path.dirname(ray._private.worker._global_node.temp_dir)
+    told = {"addresses": [each.laddr.ip for each in sockets if each.status == "LISTEN"], "let in": found,
+            "mode": os.stat(ours).st_mode, "parent": os.path.dirname(ours)}
+
+print(json.dumps(told | {"left": os.path.exists(ours)}))
 """
+#: Of 120 bytes.
+LONG = "long" * 30
 
 
 @pytest.fixture(scope="module")
-def told() -> dict[str, Any]:
+def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    temporary = tmp_path_factory.mktemp("places") / LONG
+    temporary.mkdir()
     done = subprocess.run(
         [sys.executable, "-c", OWN],
-        env=outside() | {"PYTHONPATH": str(ROOT)},
+        env=outside() | {"PYTHONPATH": str(ROOT), "TMPDIR": str(temporary), "HOME": "/proc/nowhere"},
         capture_output=True,
         text=True,
         timeout=400,
@@ -57,3 +72,34 @@ def test_it_listens_on_the_loopback_device_only(told: dict[str, Any]) -> None:
 
 def test_it_lets_in_who_has_its_token(told: dict[str, Any]) -> None:
     assert told["let in"] == {"own": True, "other": False, "none": False}
+
+
+def test_its_sockets_lie_in_a_short_folder_of_its_user_s_that_is_removed(told: dict[str, Any]) -> None:
+    assert stat.S_IMODE(told["mode"]) == 0o700
+    assert told["parent"] in SHORT_FOLDERS
+    assert not told["left"]
+
+
+@pytest.mark.parametrize("variable", ["RAY_TMPDIR", "TMPDIR"])
+def test_the_folder_lies_where_the_user_says_if_sockets_can(variable: str) -> None:
+    with (
+        tempfile.TemporaryDirectory(prefix="s", dir="/tmp") as short,
+        private_folder({variable: short}) as folder,
+    ):
+        assert folder.parent == Path(short)
+        assert len(f"{folder}{SOCKET}") <= SOCKET_PATH
+
+
+def test_ray_s_own_variable_is_not_passed_over(tmp_path: Path) -> None:
+    (tmp_path / LONG).mkdir()
+    with (
+        pytest.raises(OutputError, match=rf"^{tmp_path / LONG}: no place for Ray's sockets: set RAY_TMPDIR to a"),
+        private_folder({"RAY_TMPDIR": str(tmp_path / LONG), "TMPDIR": "/tmp"}),
+    ):
+        pass
+    assert list((tmp_path / LONG).iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written_to_is_passed_over() -> None:
+    with private_folder({"TMPDIR": "/proc/nowhere"}) as folder:
+        assert str(folder.parent) in SHORT_FOLDERS

@@ -20,11 +20,11 @@ import pytest
 from checkout import ROOT
 
 from freemesh_ray.config import flatten, load
-from freemesh_ray.tracking import Run, TrackingError, absolute, share, store, sync
-from freemesh_ray.tracking import run as recording
+from freemesh_ray.tracking import MLflowRun, TrackingError, absolute, share, store, sync
+from freemesh_ray.tracking import mlflow_run as recording
 from freemesh_ray.tracking.journal import Journal
 from freemesh_ray.tracking.provenance import provenance
-from freemesh_ray.tracking.uploader import Courier
+from freemesh_ray.tracking.uploader import Uploader
 
 REFUSING = "http://127.0.0.1:9"
 
@@ -42,8 +42,8 @@ def silent_server() -> Iterator[str]:
         yield f"http://127.0.0.1:{server.getsockname()[1]}"
 
 
-def started(folder: Path, uri: str, **changes: Any) -> Run:
-    return Run(folder, **({"uri": uri, "experiment": "test", "name": "one"} | changes))
+def started(folder: Path, uri: str, **changes: Any) -> MLflowRun:
+    return MLflowRun(folder, **({"uri": uri, "experiment": "test", "name": "one"} | changes))
 
 
 def client(uri: str) -> Any:
@@ -172,8 +172,8 @@ def test_runs_of_one_store_may_begin_at_the_same_time(tmp_path: Path, uri: str):
 def test_processes_may_make_a_store_together(tmp_path: Path):
     uri = f"sqlite:///{tmp_path}/new/mlflow.db"
     code = (
-        "import sys; from freemesh_ray.tracking import Run\n"
-        "with Run(sys.argv[1], uri=sys.argv[2], experiment='test', name='x', flush_seconds=30) as run: pass\n"
+        "import sys; from freemesh_ray.tracking import MLflowRun\n"
+        "with MLflowRun(sys.argv[1], uri=sys.argv[2], experiment='test', name='x', flush_seconds=30) as run: pass\n"
         "sys.exit(run.run_id is None)"
     )
     root = ROOT
@@ -246,8 +246,8 @@ def test_a_second_run_in_a_folder_is_a_run_of_its_own(tmp_path: Path, uri: str):
 
 VICTIM = """
 import sys, time
-from freemesh_ray.tracking import Run
-run = Run(sys.argv[1], uri=sys.argv[2], experiment="test", name="victim")
+from freemesh_ray.tracking import MLflowRun
+run = MLflowRun(sys.argv[1], uri=sys.argv[2], experiment="test", name="victim")
 run.metrics({"loss": 1.0}, 1)
 run.wait(30)
 run.metrics({"loss": 2.0}, 2)
@@ -308,7 +308,7 @@ def test_an_absent_store_costs_no_time_and_its_data_is_delivered_later(
         run.artifact(tmp_path / "mesh.svg")
     assert time.monotonic() - begin < 3
     assert run.run_id is None
-    assert f"{REFUSING} is away" in caplog.text
+    assert f"{REFUSING}: cannot be reached" in caplog.text
 
     with pytest.raises(TrackingError, match=r"^http://127.0.0.1:9: cannot be reached \(.*\): start the server"):
         sync(tmp_path)
@@ -439,9 +439,9 @@ def test_a_resumed_run_waits_for_whoever_marks_it_failed(tmp_path: Path, uri: st
     with started(tmp_path / "run", uri) as run:
         pass
     (path,) = (tmp_path / "run" / "tracking").glob("*.jsonl")
-    burial = Journal.claim(path)
-    assert burial is not None
-    threading.Timer(0.5, burial.release).start()
+    marker = Journal.claim(path)
+    assert marker is not None
+    threading.Timer(0.5, marker.release).start()
     with started(tmp_path / "run", uri, resume=True) as again:
         assert again.id == run.id
 
@@ -503,8 +503,8 @@ def test_what_was_never_tracked_is_not_shared(tmp_path: Path, uri: str):
 FULL = """
 import resource, sys
 from pathlib import Path
-from freemesh_ray.tracking import Run
-run = Run(sys.argv[1], uri=sys.argv[2], experiment="test", name="full")
+from freemesh_ray.tracking import MLflowRun
+run = MLflowRun(sys.argv[1], uri=sys.argv[2], experiment="test", name="full")
 (journal,) = Path(sys.argv[1]).glob("tracking/*.jsonl")
 _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 resource.setrlimit(resource.RLIMIT_FSIZE, (journal.stat().st_size + 100, hard))
@@ -522,7 +522,7 @@ def test_a_full_disk_costs_what_it_has_no_room_for_and_nothing_more(tmp_path: Pa
         [sys.executable, "-c", FULL, str(tmp_path / "run"), REFUSING],
         check=True, capture_output=True, text=True, cwd=ROOT,
     )  # fmt: skip
-    assert done.stderr.count("what comes is lost") == 1
+    assert done.stderr.count("make room; what comes until then is lost") == 1
     sync(tmp_path, uri)
     steps = [step for step, _ in history(uri, "loss")]
     assert steps == [0, *range(50, 60)]
@@ -536,8 +536,8 @@ def test_delivery_remembers_metrics_by_name_not_by_step(tmp_path: Path, uri: str
     (path,) = (tmp_path / "run" / "tracking").glob("*.jsonl")
     journal = Journal.claim(path)
     assert journal is not None
-    courier = Courier(journal)
-    held = [value for value in vars(courier).values() if isinstance(value, dict | list | set | tuple)]
+    uploader = Uploader(journal)
+    held = [value for value in vars(uploader).values() if isinstance(value, dict | list | set | tuple)]
     assert held
     assert all(len(value) <= 2 for value in held)
     journal.release()

@@ -13,15 +13,15 @@ import pytest
 from processes import ROOT, Server
 
 from freemesh_ray.policies.policy import DEFAULT
-from freemesh_ray.tracking import Run, store, sync
+from freemesh_ray.tracking import MLflowRun, store, sync
 
 #: A trial, as a process of its own; it goes on whenever a line comes in, and its store is gone when it ends.
 TRIAL = """
 import sys
 from pathlib import Path
-from freemesh_ray.tracking import Run
+from freemesh_ray.tracking import MLflowRun
 folder, uri, parent, seed = sys.argv[1:]
-with Run(folder, uri=uri, experiment="killed", name=f"trial-{seed}", params={"seed": seed}, parent=parent) as run:
+with MLflowRun(folder, uri=uri, experiment="killed", name=f"trial-{seed}", params={"seed": seed}, parent=parent) as run:
     for step in range(200):
         run.metrics({"loss": step / 7, "return": -step}, step)
     print(run.wait(float(sys.stdin.readline())), flush=True)
@@ -57,7 +57,7 @@ def story(served_store: Server, tmp_path_factory: pytest.TempPathFactory) -> Sto
     folder, slowest = tmp_path_factory.mktemp("study"), 0.0
     trials: list[subprocess.Popen[str]] = []
 
-    def record(study: Run, first: int) -> None:
+    def record(study: MLflowRun, first: int) -> None:
         nonlocal slowest
         for step in range(first, first + 1000):
             begin = time.perf_counter()
@@ -82,7 +82,7 @@ def story(served_store: Server, tmp_path_factory: pytest.TempPathFactory) -> Sto
         return [trial.stdout.readline().strip() for trial in trials if trial.stdout]
 
     try:
-        with Run(folder, uri=served_store.url, experiment="killed", name="study", flush_seconds=60) as study:
+        with MLflowRun(folder, uri=served_store.url, experiment="killed", name="study", flush_seconds=60) as study:
             record(study, 0)
             begin(0, 60)
             begin(1, 60)

@@ -13,7 +13,7 @@ import pytest
 from browser import CHROMIUM, Browser
 from processes import Server
 
-from freemesh_ray.tracking import Run, store
+from freemesh_ray.tracking import MLflowRun, store
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 
@@ -41,13 +41,13 @@ def study(served_store: Server, tmp_path_factory: pytest.TempPathFactory) -> str
     """The id of the experiment that holds a study and its six trials."""
     folder = tmp_path_factory.mktemp("study")
     here = {"uri": served_store.url, "experiment": "compared", "flush_seconds": 60}
-    with Run(folder, name="radius", tags={"study": "radius"}, **here) as parent:
+    with MLflowRun(folder, name="radius", tags={"study": "radius"}, **here) as parent:
         for name in NAMES:
             label, seed = name.split("-")
             tags = {"study": "radius", "variant": label, "domain": "T1", "algorithm": "sac", "seed": seed}
             params = {"env.radius": label, "seed": seed}
             assert parent.wait(60)
-            with Run(folder / name, name=name, params=params, tags=tags, parent=parent.id, **here) as trial:
+            with MLflowRun(folder / name, name=name, params=params, tags=tags, parent=parent.id, **here) as trial:
                 for step in STEPS:
                     trial.metrics({METRIC: value(name, step), "train/critic_loss": 1 / (1 + step)}, step)
     return store.connect(served_store.url).get_experiment_by_name("compared").experiment_id

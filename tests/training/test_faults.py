@@ -25,7 +25,7 @@ from freemesh_ray.algorithms.build import build
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.job import Trained, train
+from freemesh_ray.training.job import TrainingResult, train
 from freemesh_ray.training.loop import Status
 from freemesh_ray.training.run_folder import TrainingError
 
@@ -75,7 +75,7 @@ class Patient:
         algorithm.train = harmed
         return algorithm
 
-    def train(self, **options: Any) -> Trained:
+    def train(self, **options: Any) -> TrainingResult:
         """To the end."""
         try:
             return train(self.settings, make=self.make, note=self.notes.append, report=self.statuses.append, **options)

@@ -18,7 +18,7 @@ from freemesh_ray import config
 from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.policies.evaluation import evaluate
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.tracking import Run
+from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Progress, Status, Training
@@ -195,7 +195,7 @@ def test_the_best_policy_is_the_one_that_completes_most(settings: dict[str, Any]
     wild = fake.actor_weights()
     stuck = [(np.zeros((15, 6), dtype=np.float32), np.array([0, -9, 0, -9, -9, -9], dtype=np.float32))]
     training = Training(fake, settings, _folder(tmp_path), _no_tracking(tmp_path))
-    training.folder.claim(resume=False)
+    training.folder.path.mkdir()
     fake.actor_weights = lambda: stuck  # type: ignore[method-assign]
     values = training.evaluate()
     first = training.progress.best
@@ -245,8 +245,8 @@ def _folder(tmp_path: Path) -> RunFolder:
     return RunFolder(tmp_path / "run")
 
 
-def _no_tracking(tmp_path: Path) -> Run:
-    return Run(tmp_path, uri="", experiment="", name="", enabled=False)
+def _no_tracking(tmp_path: Path) -> MLflowRun:
+    return MLflowRun(tmp_path, uri="", experiment="", name="", enabled=False)
 
 
 class Fails(Fake):

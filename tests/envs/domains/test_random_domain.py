@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
@@ -10,10 +13,12 @@ from hypothesis import strategies as st
 
 from envs.domains import random_domain as generator
 from envs.domains.load import load
-from envs.domains.random_domain import FAMILIES, random_domain
+from envs.domains.random_domain import FAMILIES, RandomDomains, random_domain
 from envs.types import Domain, DomainError
 
 SAMPLE = range(0, 2001, 23)
+#: What names of files may be made of on every system, and in a shell without quotes.
+EVERYWHERE = r"[A-Za-z0-9._=-]{1,100}"
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +51,7 @@ def test_sound(sample: list[Domain]) -> None:
 def test_repeatable(sample: list[Domain]) -> None:
     for seed, domain in list(zip(SAMPLE, sample, strict=True))[::10]:
         again = load(f"random:{seed}")
-        assert again.name == domain.name == f"random:{seed}"
+        assert again.name == domain.name == f"random-{seed}"
         np.testing.assert_array_equal(again.points, domain.points)
         np.testing.assert_array_equal(again.ring, domain.ring)
 
@@ -86,6 +91,7 @@ def test_wishes_are_met(seed: int, half: int, spikiness: float, holes: int, unev
     assert len(domain.segments) == 2 * half
     assert holes_of(domain) == holes
     np.testing.assert_array_equal(load(domain.name).points, domain.points)
+    assert re.fullmatch(EVERYWHERE, domain.name)
 
 
 @pytest.mark.parametrize("holes", range(9))
@@ -102,12 +108,43 @@ def test_specs() -> None:
     assert len(domain.segments) == 80
     assert holes_of(domain) == 1
     np.testing.assert_array_equal(domain.points, random_domain(7, spikiness=0.5, holes=1, vertices=80).points)
+    again = load("RANDOM-7_Spikiness=0.5_holes=1_vertices=80")
+    assert again.name == domain.name == "random-7_vertices=80_spikiness=0.5_holes=1"
+    np.testing.assert_array_equal(again.points, domain.points)
+
+
+@given(st.integers(0, 2**63 - 1), st.floats(0, 1) | st.none())
+def test_a_name_names_one_domain(seed: int, spikiness: float | None) -> None:
+    name = random_domain(seed, vertices=24, spikiness=spikiness, holes=0).name
+    with pytest.MonkeyPatch.context() as patch:
+        asked: list[object] = []
+        patch.setattr(generator, "random_domain", lambda *found, **given: asked.append((found, given)))
+        generator.from_spec(name)
+    given_ = {"vertices": 24, "spikiness": spikiness, "holes": 0}
+    assert asked == [((seed,), {key: value for key, value in given_.items() if value is not None})]
+
+
+def test_those_kept_from_training_have_short_names() -> None:
+    for i, domain in enumerate(RandomDomains().held_out(3)):
+        assert domain.name == f"random-held-out-{i}"
+        np.testing.assert_array_equal(domain.points, load(f"random:{2**62 + i}").points)
+        np.testing.assert_array_equal(domain.points, load(domain.name).points)
+
+
+def test_a_file_of_such_a_name_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("random-7.json", "random-7_a=1.json", "part-7.json"):
+        (tmp_path / name).write_text("[[0, 0], [1, 0], [2, 0], [2, 1], [1, 1], [0, 1]]")
+        assert load(name).name == Path(name).stem
+        assert len(load(name).points) == 6
 
 
 @pytest.mark.parametrize(("spec", "message"), [
     ("random:", "seed = '' is not a whole number"),
     ("random:x", "seed = 'x' is not a whole number"),
     ("random:-1", "seed = -1 is out of range"),
+    ("random-7_shape=1", "unknown parameter 'shape'; use vertices, spikiness, holes, unevenness"),
+    ("random-held-out-4611686018427387904", "out of range"),
     ("random:7?shape=1", "unknown parameter 'shape'; use vertices, spikiness, holes, unevenness"),
     ("random:7?holes=9", "holes = 9 is out of range; choose it from 0 to 8"),
     ("random:7?holes=1.5", "holes = '1.5' is not a whole number"),
@@ -119,4 +156,4 @@ def test_specs() -> None:
 def test_bad_specs(spec: str, message: str) -> None:
     with pytest.raises(DomainError, match=message) as caught:
         load(spec)
-    assert str(caught.value).startswith(spec.split("?")[0])
+    assert str(caught.value).replace(":", "-", 1).startswith(re.split("[?_]", spec)[0].replace(":", "-"))

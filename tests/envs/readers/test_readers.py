@@ -139,7 +139,7 @@ def test_catalogue_names_in_any_case(spec: str) -> None:
 
 
 @pytest.mark.parametrize(("spec", "message"), [
-    ("T4", r"'T4': no domain of this name; did you mean T\d\? The catalogue has .*T1, T2, T3.*random:SEED"),
+    ("T4", r"'T4': no domain of this name; did you mean T\d\? The catalogue has .*T1, T2, T3.*random-SEED"),
     ("zebra", "'zebra': no domain of this name; The catalogue has"),
     ("", "'': no domain of this name"),
 ])  # fmt: skip

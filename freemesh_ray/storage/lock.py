@@ -1,0 +1,81 @@
+"""A folder that one process at a time works in: a lock that the kernel frees when its process ends, however it ends.
+
+It is ``flock`` on a file in the folder. On NFS Linux turns that into a lock of the server's, which holds among machines
+and ends with the connection of a machine that is lost; a file system without such locks (some mounts of Lustre) has
+none, which is said and the work goes on. The file says who holds the lock; it stays when the lock is given back, since
+to remove it could take it from under the next.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import logging
+import os
+import platform
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from freemesh_ray.errors import UserError
+
+log = logging.getLogger(__name__)
+
+FILE = ".lock"
+#: Linux's name of the time since the machine was last started.
+BOOT = Path("/proc/sys/kernel/random/boot_id")
+#: What `flock` raises where another holds the lock.
+HELD = {errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES}
+
+
+class InUseError(UserError):
+    """A folder that another process works in; one line with the folder, that process, and the fix."""
+
+
+@contextmanager
+def held(folder: Path, fix: str) -> Iterator[None]:
+    """Hold the lock of ``folder``, which must be there.
+
+    Args:
+        folder: that no other process, and no one else in this one, shall work in meanwhile.
+        fix: what the message ends with.
+
+    Raises:
+        InUseError: another holds it.
+        OSError: there is no such folder, or it cannot be written to.
+    """
+    descriptor = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in HELD:
+                raise InUseError(f"{folder}: {_told(os.pread(descriptor, 10_000, 0))}: {fix}") from error
+            log.warning("%s: no lock can be had (%s): let no second process work there", folder, error.strerror)
+        _write(descriptor, {
+            "host": platform.node(), "pid": os.getpid(), "boot": BOOT.read_text().strip() if BOOT.is_file() else None,
+            "since": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
+        })  # fmt: skip
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _write(descriptor: int, holder: Mapping[str, Any]) -> None:
+    """Write who holds the lock, as far as the disk takes it."""
+    text = json.dumps(holder).encode()
+    with suppress(OSError):
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, text, 0)
+
+
+def _told(content: bytes) -> str:
+    """Who holds the lock, as the file says; it may be about to be written."""
+    try:
+        holder = json.loads(content)
+        return f"process {holder['pid']} on {holder['host']} has worked here since {holder['since']}"
+    except (ValueError, KeyError, TypeError):
+        return "another process works here"

@@ -1,0 +1,92 @@
+"""A folder's lock: one holder at a time, named to whoever comes second, gone with its process however that ends."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import logging
+import os
+import platform
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from processes import ROOT
+
+from freemesh_ray.storage.lock import FILE, InUseError, held
+
+#: Holds a folder's lock until it is killed; the child that it starts outlives it.
+HOLDER = """
+import subprocess, sys
+from pathlib import Path
+from freemesh_ray.storage.lock import held
+
+with held(Path(sys.argv[1]), "wait"):
+    child = subprocess.Popen(["sleep", "60"], stdout=subprocess.DEVNULL)
+    print(child.pid, flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def holder(folder: Path) -> Iterator[int]:
+    """A process that holds the lock and is then killed; its id."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(folder)], env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None
+    child = int(process.stdout.readline())
+    try:
+        yield process.pid
+        process.kill()
+        process.wait()
+        with held(folder, "wait"):  # though a child of its lives
+            os.kill(child, 0)
+    finally:
+        process.kill()
+        os.kill(child, signal.SIGKILL)
+
+
+def test_the_second_is_told_who_the_first_is_until_that_is_killed(tmp_path: Path) -> None:
+    with holder(tmp_path) as pid, pytest.raises(InUseError) as raised, held(tmp_path, "wait for its end"):
+        pass
+    line = str(raised.value)
+    assert line.startswith(f"{tmp_path}: process {pid} on {platform.node()} has worked here since 2")
+    assert line.endswith("UTC: wait for its end")
+    assert "\n" not in line
+    assert raised.value.exit_code == 2
+
+
+def test_one_process_does_not_hold_it_twice(tmp_path: Path) -> None:
+    with held(tmp_path, "wait"):
+        with pytest.raises(InUseError, match=f"process {os.getpid()} on"), held(tmp_path, "wait"):
+            pass
+        assert json.loads((tmp_path / FILE).read_text())["pid"] == os.getpid()
+    with held(tmp_path, "wait"):
+        pass
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"pid": 7}', "\xff"])
+def test_a_holder_that_has_not_yet_written_who_it_is_holds_it_too(content: str, tmp_path: Path) -> None:
+    with held(tmp_path, "wait"):
+        (tmp_path / FILE).write_text(content)
+        with pytest.raises(InUseError, match="another process works here: wait"), held(tmp_path, "wait"):
+            pass
+
+
+def test_where_no_locks_are_the_work_goes_on_with_a_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def flock(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with caplog.at_level(logging.WARNING), held(tmp_path, "wait"):
+        pass
+    assert f"{tmp_path}: no lock can be had (No locks available): let no second process work there" in caplog.text

@@ -1,0 +1,111 @@
+"""Stores whose files and runs have names of every kind, and what is told of a store that cannot be used."""
+
+from __future__ import annotations
+
+import logging
+import shlex
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from freemesh_ray.cli import command
+from freemesh_ray.tracking import MLflowRun, TrackingError, browsing, store, sync
+
+ODD = "a?b=c&d%20e#f g'h ü"
+REFUSING = "http://127.0.0.1:9"
+
+
+def names_in(database: Path) -> list[str]:
+    """The names of the runs in a store's file."""
+    with closing(sqlite3.connect(database)) as opened:
+        return [name for (name,) in opened.execute("select name from runs")]
+
+
+def record(folder: Path, uri: str) -> None:
+    with MLflowRun(folder, uri=uri, experiment="test", name="one", flush_seconds=60) as run:
+        run.metrics({"loss": 1.0}, 1)
+
+
+@pytest.mark.parametrize("name", ["a b", "ü", "a%20b", "a?b", "100%", ODD])
+def test_a_store_is_the_file_of_its_name(name: str, blank_database: Path, tmp_path: Path) -> None:
+    home = tmp_path / "homes" / name
+    home.mkdir(parents=True)
+    shutil.copy(blank_database, home / "mlflow.db")
+    record(tmp_path / "run", f"sqlite:///{home / 'mlflow.db'}")
+    assert names_in(home / "mlflow.db") == ["one"]
+    assert list((tmp_path / "homes").iterdir()) == [home]
+
+
+def test_a_new_store_is_made_where_its_name_says(tmp_path: Path) -> None:
+    home = tmp_path / "homes" / ODD
+    record(tmp_path / "run", f"sqlite:///{home / 'mlflow.db'}")
+    assert names_in(home / "mlflow.db") == ["one"]
+    assert list((tmp_path / "homes").iterdir()) == [home]
+    line = shlex.split(browsing(f"sqlite:///{home / 'mlflow.db'}"))
+    assert line[1:3] == ["ui", "--backend-store-uri"]
+    (found,) = store.mlflow_client()(line[3]).search_experiments(filter_string="name = 'test'")
+    assert found.artifact_location == (home / "mlartifacts").as_uri()
+
+
+def test_the_line_that_shows_a_store_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))  # where the environment is not activated
+    monkeypatch.chdir(tmp_path)
+    program, *arguments = shlex.split(browsing(f"sqlite:///{tmp_path}/a b/mlflow.db"))
+    assert Path(program).is_file()
+    assert arguments == ["ui", "--backend-store-uri", "sqlite:///a b/mlflow.db"]
+    assert browsing("http://host:5000") == "http://host:5000"
+
+
+def test_a_store_that_is_away_is_told_with_the_line_that_delivers_later(
+    blank_database: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "it's a run"
+    with caplog.at_level(logging.WARNING), MLflowRun(folder, uri=REFUSING, experiment="test", name="one"):
+        pass
+    (line,) = {message.split("`")[1] for message in caplog.messages if "`freemesh" in message}
+    program, *arguments = shlex.split(line)
+    assert (program, arguments) == ("freemesh", ["sync", str(folder)])
+    shutil.copy(blank_database, tmp_path / "mlflow.db")
+    assert command.main([*arguments, "--uri", f"sqlite:///{tmp_path / 'mlflow.db'}"]) == 0
+    assert names_in(tmp_path / "mlflow.db") == ["one"]
+
+
+def test_a_deleted_experiment_is_told_to_be_restored(
+    blank_database: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    shutil.copy(blank_database, tmp_path / "mlflow.db")
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    client = store.connect(uri)
+    key = client.create_experiment("test")
+    client.delete_experiment(key)
+    with caplog.at_level(logging.WARNING):
+        record(tmp_path / "run", uri)
+    restore = f"MLFLOW_TRACKING_URI={uri} mlflow experiments restore --experiment-id {key}"
+    assert f"'test' is deleted: restore it ({restore})" in caplog.text
+    assert "start the server" not in caplog.text
+    with pytest.raises(TrackingError, match=r"or set another tracking\.experiment"):
+        sync(tmp_path / "run")
+    client.restore_experiment(key)
+    assert sync(tmp_path / "run") == 3
+
+
+@pytest.mark.parametrize(
+    ("said", "fix"),
+    [
+        ("API request failed with error code 401", "MLFLOW_TRACKING_USERNAME"),
+        ("API request failed with error code 403", "--allowed-hosts"),
+        ("[Errno 111] Connection refused", "start the server"),
+    ],
+)
+def test_what_helps_is_told_by_what_is_wrong(said: str, fix: str) -> None:
+    assert fix in str(store.failure("http://host", OSError(said)))
+
+
+def test_a_folder_where_nothing_was_tracked_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["sync", str(tmp_path / "runs" / "typo")]) == 1
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "typo: nothing was tracked here" in err
