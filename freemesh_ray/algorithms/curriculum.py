@@ -14,7 +14,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Curriculum:
-    """Where training stands.
+    """Where training stands; the defaults are those of a configuration.
 
     Attributes:
         stages: domain names, in order.
@@ -28,9 +28,9 @@ class Curriculum:
     """
 
     stages: tuple[str, ...]
-    promote_at: float = 0.8
+    promote_at: float = 0.7
     window: int = 50
-    max_stage_steps: int = 200_000
+    max_stage_steps: int = 100_000
     rehearsal: float = 0.3
     stage: int = 0
     stage_steps: int = 0

@@ -66,7 +66,9 @@ def ours(name: str, seed: int) -> Any:
     else:
         config, envs = config_class(name)(), ENVS
         own = {"alpha_lr": 1e-3, "initial_alpha": 1.0} if name == "sac" else {}
-        config.training(**own, actor_lr=1e-3, critic_lr=1e-3, gamma=0.98, train_batch_size_per_learner=128, warmup_steps=1000)
+        config.training(
+            **own, actor_lr=1e-3, critic_lr=1e-3, gamma=0.98, train_batch_size_per_learner=128, warmup_steps=1000
+        )
         config.env_runners(rollout_fragment_length=FRAGMENT)
     return (
         config.environment(NAME)

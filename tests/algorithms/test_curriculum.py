@@ -6,9 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from freemesh_ray import config
 from freemesh_ray.algorithms.curriculum import Curriculum
 
 STAGES = ("T1", "T2", "T3")
+
+
+def test_the_defaults_are_those_of_a_configuration() -> None:
+    settings = config.load()["curriculum"]
+    stages = tuple(settings.pop("stages"))
+    assert Curriculum(stages) == Curriculum(stages, **settings)
 
 
 def curriculum(**settings: object) -> Curriculum:
