@@ -16,7 +16,7 @@ from freemesh_ray.algorithms.env_runner import Collected
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
 from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
 from freemesh_ray.algorithms.replay_buffer import ReplayBuffer, Transitions
-from freemesh_ray.config import ALGORITHMS, SCHEMA, Setting, check
+from freemesh_ray.config import ALGORITHMS, SCHEMA, Field, Hyperparameter, check
 
 ROLLOUTS = "rollouts"
 REPLAY_BUFFER = "replay_buffer"
@@ -53,7 +53,7 @@ class OffPolicyConfig(MeshConfig):
         for name, setting in self._section().items():
             setattr(self, name, setting.default)
 
-    def _section(self) -> Mapping[str, Setting]:
+    def _section(self) -> Mapping[str, Hyperparameter]:
         """The algorithm's own settings."""
         return ALGORITHMS[self.NAME].settings
 
@@ -84,8 +84,8 @@ class OffPolicyConfig(MeshConfig):
             ConfigError: one is not.
         """
         super().validate()
-        ranges = {name: SCHEMA[f"learner.{name}"] for name in ("updates_per_step", "warmup_steps")}
-        for name, accepts in (ranges | {name: SCHEMA[f"{self.NAME}.{name}"] for name in self._section()}).items():
+        ranges: dict[str, Field] = {name: SCHEMA[f"learner.{name}"] for name in ("updates_per_step", "warmup_steps")}
+        for name, accepts in (ranges | {name: own.accepts for name, own in self._section().items()}).items():
             check(getattr(self, name), accepts, type(self).__name__, name)
 
     def get_default_learner_class(self) -> type[OffPolicyLearner]:

@@ -1,7 +1,7 @@
 """k gradient steps on k minibatches in one call.
 
 A step descends along the losses of an algorithm as its paper prints them, by automatic differentiation. SAC and TD3
-have the same step with its gradients written out, which takes two thirds of the time; tests hold the two equal.
+have the same step with its gradients written out, which is faster; tests hold the two equal.
 
 Several learners do what one would do with the whole minibatches: each has its share of the rows of every one, and
 descends along the mean of all learners' gradients.

@@ -4,7 +4,7 @@ field (what a value may be) -> algorithms (what each has of its own) -> schema (
 -> layer (an overlay) -> tree (all of them)
 """
 
-from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, Setting
+from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, Hyperparameter
 from freemesh_ray.config.document import document, dump, plain, read_plain, shipped
 from freemesh_ray.config.field import ConfigError, Field, check
 from freemesh_ray.config.layer import Layer, file_layer, set_layer, tree_layer, value_layer, values
@@ -19,8 +19,8 @@ __all__ = [
     "Algorithm",
     "ConfigError",
     "Field",
+    "Hyperparameter",
     "Layer",
-    "Setting",
     "check",
     "document",
     "dump",

@@ -14,8 +14,8 @@ from envs.types import TINY
 from freemesh_ray.config.field import Field
 
 
-class Setting(NamedTuple):
-    """A setting of one algorithm: its default, and what it accepts."""
+class Hyperparameter(NamedTuple):
+    """A setting of one algorithm alone: its default, and what it accepts."""
 
     default: Any
     accepts: Field
@@ -42,20 +42,20 @@ class Algorithm:
     """
 
     config: str
-    settings: Mapping[str, Setting] = field(default_factory=dict)
+    settings: Mapping[str, Hyperparameter] = field(default_factory=dict)
     batch: str = "learner.batch_size"
     experience: str = "learner.buffer_size"
     figures: Mapping[str, tuple[str, str]] = field(default_factory=lambda: ACTOR_CRITIC_FIGURES)
 
 
-_EXPLORATION_NOISE = Setting(0.1, Field(float, 0, 1))
+_EXPLORATION_NOISE = Hyperparameter(0.1, Field(float, 0, 1))
 
 ALGORITHMS: dict[str, Algorithm] = {
     "sac": Algorithm(
         "freemesh_ray.algorithms.sac:SACConfig",
         {
-            "target_entropy": Setting("auto", Field(float, -1000, 1000, words=("auto",))),
-            "initial_alpha": Setting(0.1, Field(float, TINY, 1000)),
+            "target_entropy": Hyperparameter("auto", Field(float, -1000, 1000, words=("auto",))),
+            "initial_alpha": Hyperparameter(0.1, Field(float, TINY, 1000)),
         },
         figures=ACTOR_CRITIC_FIGURES
         | {
@@ -68,23 +68,23 @@ ALGORITHMS: dict[str, Algorithm] = {
         "freemesh_ray.algorithms.td3:TD3Config",
         {
             "exploration_noise": _EXPLORATION_NOISE,
-            "target_noise": Setting(0.2, Field(float, 0, 2)),
-            "target_noise_clip": Setting(0.5, Field(float, 0, 2)),
-            "policy_delay": Setting(2, Field(int, 1, 1000)),
+            "target_noise": Hyperparameter(0.2, Field(float, 0, 2)),
+            "target_noise_clip": Hyperparameter(0.5, Field(float, 0, 2)),
+            "policy_delay": Hyperparameter(2, Field(int, 1, 1000)),
         },
     ),
     "ddpg": Algorithm("freemesh_ray.algorithms.ddpg:DDPGConfig", {"exploration_noise": _EXPLORATION_NOISE}),
     "ppo": Algorithm(
         "freemesh_ray.algorithms.ppo:PPOConfig",
         {
-            "rollout_steps": Setting(2048, Field(int, 1, 10**7)),
-            "epochs": Setting(10, Field(int, 1, 1000)),
-            "minibatch_size": Setting(64, Field(int, 1, 10**7)),
-            "clip": Setting(0.2, Field(float, TINY, 1)),
-            "gae_lambda": Setting(0.95, Field(float, 0, 1)),
-            "entropy_coefficient": Setting(0.0, Field(float, 0, 100)),
-            "value_coefficient": Setting(0.5, Field(float, 0, 100)),
-            "max_grad_norm": Setting(0.5, Field(float, TINY, 10**9)),
+            "rollout_steps": Hyperparameter(2048, Field(int, 1, 10**7)),
+            "epochs": Hyperparameter(10, Field(int, 1, 1000)),
+            "minibatch_size": Hyperparameter(64, Field(int, 1, 10**7)),
+            "clip": Hyperparameter(0.2, Field(float, TINY, 1)),
+            "gae_lambda": Hyperparameter(0.95, Field(float, 0, 1)),
+            "entropy_coefficient": Hyperparameter(0.0, Field(float, 0, 100)),
+            "value_coefficient": Hyperparameter(0.5, Field(float, 0, 100)),
+            "max_grad_norm": Hyperparameter(0.5, Field(float, TINY, 10**9)),
         },
         batch="ppo.minibatch_size",
         experience="ppo.rollout_steps",
@@ -98,7 +98,7 @@ ALGORITHMS: dict[str, Algorithm] = {
 }
 
 
-def settings_by_key(algorithms: Mapping[str, Algorithm]) -> dict[str, Setting]:
+def settings_by_key(algorithms: Mapping[str, Algorithm]) -> dict[str, Hyperparameter]:
     """Every setting of these algorithms by its dotted key."""
     return {
         f"{name}.{key}": setting

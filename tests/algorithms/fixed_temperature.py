@@ -13,7 +13,7 @@ from freemesh_ray.algorithms import squashed_gaussian
 from freemesh_ray.algorithms.actor_critic_module import ActorCriticModule
 from freemesh_ray.algorithms.off_policy import OffPolicyConfig
 from freemesh_ray.algorithms.off_policy_learner import Minibatch, OffPolicyLearner
-from freemesh_ray.config import ALGORITHMS, SCHEMA, Algorithm, Field, Setting, register
+from freemesh_ray.config import ALGORITHMS, SCHEMA, Algorithm, Field, Hyperparameter, register
 
 
 class FixedTemperatureLearner(OffPolicyLearner):
@@ -35,7 +35,7 @@ class FixedTemperatureConfig(OffPolicyConfig):
     LEARNER = FixedTemperatureLearner
 
 
-ENTRY = Algorithm(f"{__name__}:FixedTemperatureConfig", {"temperature": Setting(0.2, Field(float, 0, 10))})
+ENTRY = Algorithm(f"{__name__}:FixedTemperatureConfig", {"temperature": Hyperparameter(0.2, Field(float, 0, 10))})
 
 
 @contextmanager
