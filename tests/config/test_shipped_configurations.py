@@ -21,8 +21,8 @@ from freemesh_ray.algorithms.build import configured
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.studies import definition
 from freemesh_ray.studies.definition import Study
-from freemesh_ray.studies.plan import Drawn, Trial, Variants, default_point, variants
-from freemesh_ray.studies.trainable import TrialRun, finished
+from freemesh_ray.studies.plan import SearchPlan, Trial, VariantPlan, default_point, variant_plan
+from freemesh_ray.studies.trainable import TrialTrainable, finished
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Algorithm, Status
@@ -119,7 +119,7 @@ def test_a_training_is_killed_in_its_last_stage_and_goes_on_to_its_end(path: Pat
     assert at < after[0].env_steps < at + 2 * ITERATION
     assert trained.progress.env_steps >= tree["budget"]["env_steps"]
     assert trained.checkpoint == checkpoint.found(folder.checkpoints)[0] != newest
-    assert len(trained.produced) == len(names)
+    assert [stage.domain for stage in trained.stages] == names
     assert trained.policy.is_file()
     (row,) = evaluated(folder)
     assert all(f"eval_deterministic/{name}/return" in row for name in names)
@@ -129,19 +129,19 @@ def test_a_training_is_killed_in_its_last_stage_and_goes_on_to_its_end(path: Pat
 def trials(study: Study, runs: Path) -> dict[str, Trial]:
     """A trial of each of the study's variants; of a search one of its own settings, and one of its space's ends."""
     if study.search is None:
-        every = variants(study, source="").trials.values()
+        every = variant_plan(study, source="").trials.values()
         chosen = list({trial.label: trial for trial in reversed(every)}.values())
     else:
         ends = {key: space.values[-1] for key, space in study.search.space.items()}
-        chosen = [Drawn(study, runs).trial(point, str(i)) for i, point in enumerate([default_point(study), ends])]
+        chosen = [SearchPlan(study, runs).trial(point, str(i)) for i, point in enumerate([default_point(study), ends])]
     return {trial.name: replace(trial, config=shrunk(trial.config, runs, interval=1)) for trial in chosen}
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
 def test_a_study_s_trials_are_killed_and_go_on_to_their_ends(path: Path, tmp_path: Path) -> None:
     study = definition.load(path)
-    plan = Variants(trials(study, tmp_path / "runs"))
-    begin: Callable[..., TrialRun] = tune.with_parameters(TrialRun, plan=plan, make=make)
+    plan = VariantPlan(trials(study, tmp_path / "runs"))
+    begin: Callable[..., TrialTrainable] = tune.with_parameters(TrialTrainable, plan=plan, make=make)
     populated = study.search is not None and study.search.scheduler == "pbt"
     for i, (name, trial) in enumerate(plan.trials.items()):
         last = len(stages(trial.config)) - 1
