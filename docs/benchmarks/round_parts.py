@@ -93,9 +93,9 @@ def replay(seconds: float) -> tuple[float, float]:
 def updating(group: Any, learners: int, batch: int, seconds: float) -> float:
     """Seconds of one of ``UPDATES`` updates with ``batch`` rows in one call of a learner group."""
     from freemesh_ray.algorithms.off_policy import batch as as_batch
-    from freemesh_ray.algorithms.off_policy import dealt
+    from freemesh_ray.algorithms.off_policy import learner_shares
 
-    parts = [as_batch(part) for part in dealt(experience(batch * UPDATES), UPDATES, max(1, learners))]
+    parts = [as_batch(part) for part in learner_shares(experience(batch * UPDATES), UPDATES, max(1, learners))]
     given: dict[str, Any] = {"batches": parts} if learners else {"batch": parts[0]}
     return typical(lambda: group.update(timesteps={}, **given), seconds) / UPDATES
 

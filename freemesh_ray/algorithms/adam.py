@@ -1,4 +1,4 @@
-"""Adam without the bookkeeping that torch's own does in Python at every step: a third of the time of small networks."""
+"""Adam without torch's bookkeeping in Python at every step, a third of its time with networks this small."""
 
 from __future__ import annotations
 

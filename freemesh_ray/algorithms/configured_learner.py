@@ -18,7 +18,7 @@ class ConfiguredLearner(TorchLearner):
         super().build()
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Take over a state, also one older than this learner: RLlib passes over weights that are."""
+        """Take over a state, also an older one: RLlib would ignore weights whose number is not above the learner's."""
         number = max(state.get(WEIGHTS_SEQ_NO, 0), self._weights_seq_no + 1)
         super().set_state({**state, WEIGHTS_SEQ_NO: number})
 

@@ -49,14 +49,14 @@ class Episode(NamedTuple):
 
 
 class Collected(NamedTuple):
-    """One call's harvest: transitions in the order they happened, and the episodes that ended."""
+    """What ``collect`` returns: transitions in the order they happened, and the episodes that ended."""
 
     transitions: Transitions
     episodes: list[Episode]
 
 
 class Rollout(NamedTuple):
-    """One call's harvest: RLlib's episodes or pieces of them, and the episodes that ended."""
+    """What ``rollout`` returns: RLlib's episodes or pieces of them, and the episodes that ended."""
 
     episodes: list[SingleAgentEpisode]
     ended: list[Episode]
@@ -105,13 +105,13 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
                 call, so that a worker that was started anew needs no second message.
 
         Returns:
-            The harvest; a Failure where an environment raised, after which the next call begins new episodes. To let
-            it out would end this process: RLlib trusts no runner that raised.
+            Transitions and episodes; a Failure where an environment raised, after which the next call begins new
+            episodes. To let it out would end this process: RLlib trusts no runner that raised.
         """
         try:
             return self._collect(rounds, uniform, task)
         except Exception as error:
-            self._obs = None  # who knows how far the environments came
+            self._obs = None  # the environments may be in any state
             return Failure.of(error)
 
     def _collect(self, rounds: int, uniform: bool, task: Mapping[str, float] | None) -> Collected:
@@ -120,7 +120,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             env.task.set(task)
         if self._obs is None:
             self._begin(env)
-        parts: list[Transitions] = []
+        steps: list[Transitions] = []
         episodes: list[Episode] = []
         for _ in range(rounds):
             obs = self._obs
@@ -129,7 +129,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             next_obs, rewards, terminated, truncated, infos = env.step(actions)
             # The step after an end only resets (NEXT_STEP): it is no transition.
             live = ~self._ended
-            parts.append(
+            steps.append(
                 Transitions(
                     obs[live], actions[live], rewards[live].astype(np.float32),
                     next_obs[live], terminated[live].astype(np.float32),
@@ -146,7 +146,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             self._obs = next_obs
         # An inherited sample() would find the environments in mid-episode.
         self._needs_initial_reset = True
-        return Collected(concatenate(parts), episodes)
+        return Collected(concatenate(steps), episodes)
 
     def rollout(self, steps: int, *, task: Mapping[str, float] | None = None) -> Rollout | Failure:
         """RLlib's own sampling of at least ``steps`` steps, over all environments together.

@@ -1,4 +1,4 @@
-"""What every algorithm is to the training loop, however it learns: counters, curriculum, evaluation, weights."""
+"""The base of every algorithm, what the training loop needs: counters, curriculum, evaluation, weights."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class EnvRunnerError(RuntimeError):
 
 
 class DivergedError(RuntimeError):
-    """A loss that is no number: what was learnt since the last checkpoint is of no use."""
+    """A loss is not finite: training has to go back to the last checkpoint."""
 
 
 class MeshConfig(AlgorithmConfig):
@@ -98,7 +98,7 @@ class MeshAlgorithm(Algorithm):
         self.updates = 0
         #: Episodes that ended since the caller last took them.
         self.finished: list[Episode] = []
-        #: What went wrong and was overcome since the caller last took it, a line each.
+        #: Failures recovered from since the caller last took them, a line each.
         self.incidents: list[str] = []
         self._failures: Counter[int] = Counter()
         #: Since when no env runner answers; None while one does.
@@ -214,7 +214,7 @@ class MeshAlgorithm(Algorithm):
         """Log what the learners tell of an update.
 
         Raises:
-            DivergedError: a loss is no number; the env runners have not got the networks yet.
+            DivergedError: a loss is not finite; the env runners have not got the networks yet.
         """
         self.metrics.aggregate(results, key=LEARNER_RESULTS)
         for result in results:

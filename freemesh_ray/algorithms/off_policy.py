@@ -1,4 +1,4 @@
-"""Learning from a replay buffer: collect from all env runners, store, update as often as is owed, publish weights."""
+"""Learning from a replay buffer: collect from all env runners, store, take the gradient steps due, publish weights."""
 
 from __future__ import annotations
 
@@ -100,13 +100,13 @@ class OffPolicyConfig(MeshConfig):
         )
 
 
-def dealt(rows: Transitions, minibatches: int, learners: int) -> list[Transitions]:
-    """Consecutive minibatches, each cut into equal parts: the i-th parts of all, for each learner i."""
+def learner_shares(rows: Transitions, minibatches: int, learners: int) -> list[Transitions]:
+    """Consecutive minibatches, each cut into one equal share for each learner: the i-th of all, for each learner i."""
 
-    def part(column: np.ndarray, i: int) -> np.ndarray:
+    def share(column: np.ndarray, i: int) -> np.ndarray:
         return column.reshape(minibatches, learners, -1, *column.shape[1:])[:, i].reshape(-1, *column.shape[1:])
 
-    return [Transitions(*(part(column, i) for column in rows)) for i in range(learners)]
+    return [Transitions(*(share(column, i) for column in rows)) for i in range(learners)]
 
 
 def batch(rows: Transitions) -> MultiAgentBatch:
@@ -148,14 +148,14 @@ class OffPolicy(MeshAlgorithm):
         """One round: every env runner's fragment, then the updates that it is owed."""
         warming = self.env_steps < self.config.warmup_steps
         with self.metrics.log_time(("timers", "collect")):
-            harvest = self._collect(uniform=warming)
-        if not harvest:
+            collected = self._collect(uniform=warming)
+        if not collected:
             return
-        for part in harvest:
-            self.local_replay_buffer.add(part.transitions)
-        steps = sum(len(part.transitions) for part in harvest)
+        for one in collected:
+            self.local_replay_buffer.add(one.transitions)
+        steps = sum(len(one.transitions) for one in collected)
         warm = max(0, self.env_steps + steps - max(self.env_steps, self.config.warmup_steps))
-        self._count(steps, [episode for part in harvest for episode in part.episodes])
+        self._count(steps, [episode for one in collected for episode in one.episodes])
         self._debt += warm * self.config.updates_per_step
         if (owed := int(self._debt)) > 0:
             self._debt -= owed
@@ -167,7 +167,7 @@ class OffPolicy(MeshAlgorithm):
 
     def _update(self, count: int) -> None:
         rows = self.local_replay_buffer.sample(count * self.config.total_train_batch_size)
-        batches = [batch(part) for part in dealt(rows, count, max(1, self.config.num_learners))]
+        batches = [batch(share) for share in learner_shares(rows, count, max(1, self.config.num_learners))]
         given: dict[str, Any] = {"batch": batches[0]} if self.learner_group.is_local else {"batches": batches}
         with self.metrics.log_time(("timers", "learn")):
             results = self.learner_group.update(timesteps={NUM_ENV_STEPS_SAMPLED_LIFETIME: self.env_steps}, **given)

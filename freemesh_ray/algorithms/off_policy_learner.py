@@ -18,7 +18,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.core.columns import Columns
 
 from freemesh_ray.algorithms.adam import LeanAdam
-from freemesh_ray.algorithms.averaging import averaged, begin_alike
+from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 
 
@@ -117,7 +117,7 @@ class OffPolicyLearner(ConfiguredLearner):
     def _make_modules_ddp_if_necessary(self) -> None:
         # Not RLlib's wrapper, which averages the gradients of automatic differentiation: see _descend.
         if self.distributed:
-            begin_alike(tensor for module in self._module.values() for tensor in module.state_dict().values())
+            broadcast_from_first(tensor for module in self._module.values() for tensor in module.state_dict().values())
 
     def compute_loss_for_module(self, **kwargs: Any) -> Any:
         """Not how this learner works: ``_update`` takes each loss's gradient on its own."""

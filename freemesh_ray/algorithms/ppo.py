@@ -83,11 +83,11 @@ class PPO(MeshAlgorithm, RLlibPPO):
         """One round: episodes of all env runners, then the epochs on them."""
         steps = math.ceil(self.config.total_train_batch_size / max(1, self.config.num_env_runners))
         with self.metrics.log_time(("timers", "collect")):
-            harvest = self._from_runners("rollout", steps=steps)
-        episodes = [episode for part in harvest for episode in part.episodes]
+            collected = self._from_runners("rollout", steps=steps)
+        episodes = [episode for one in collected for episode in one.episodes]
         if not episodes:
             return
-        self._count(sum(map(len, episodes)), [ended for part in harvest for ended in part.ended])
+        self._count(sum(map(len, episodes)), [ended for one in collected for ended in one.ended])
         with self.metrics.log_time(("timers", "learn")):
             results = self.learner_group.update(
                 episodes=episodes,

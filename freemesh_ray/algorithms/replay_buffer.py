@@ -33,9 +33,9 @@ class Transitions(NamedTuple):
         return len(self.rewards)
 
 
-def concatenate(parts: list[Transitions]) -> Transitions:
-    """The rows of all parts, in order."""
-    return Transitions(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+def concatenate(pieces: list[Transitions]) -> Transitions:
+    """The rows of all pieces, in order."""
+    return Transitions(*(np.concatenate(arrays) for arrays in zip(*pieces, strict=True)))
 
 
 class ReplayBuffer(Checkpointable):

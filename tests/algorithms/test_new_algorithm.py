@@ -36,6 +36,7 @@ def test_its_settings_are_settings_of_a_configuration(tmp_path: Path) -> None:
     file.write_text("algorithm: fixed\nfixed:\n  temperature: 0.5\n")
     tree = config.load([file])
     assert (tree["algorithm"], tree["fixed"]["temperature"]) == ("fixed", 0.5)
+    assert config_class("fixed")().configure(tree).temperature == 0.5
     for line in ("fixed.temperature=-1", "fixed.temprature=1"):
         with pytest.raises(ConfigError, match=r"fixed\.temperature"):
             config.load([], [line])

@@ -17,7 +17,7 @@ from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
-from freemesh_ray.algorithms.off_policy import OffPolicyConfig, dealt
+from freemesh_ray.algorithms.off_policy import OffPolicyConfig, learner_shares
 from freemesh_ray.algorithms.replay_buffer import Transitions
 from freemesh_ray.algorithms.sac import SACConfig
 from freemesh_ray.algorithms.td3 import TD3Config
@@ -71,8 +71,8 @@ def trained(algorithm: MeshAlgorithm, updates: int) -> MeshAlgorithm:
 
 def shares(rows: dict[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
     """What each learner gets of ``MINIBATCHES`` minibatches."""
-    dealt_out = dealt(Transitions(*rows.values()), MINIBATCHES, LEARNERS)
-    return [dict(zip(rows, part, strict=True)) for part in dealt_out]
+    each_share = learner_shares(Transitions(*rows.values()), MINIBATCHES, LEARNERS)
+    return [dict(zip(rows, part, strict=True)) for part in each_share]
 
 
 def test_every_learner_has_its_share_of_every_minibatch() -> None:
