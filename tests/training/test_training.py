@@ -212,7 +212,7 @@ def test_the_best_policy_is_the_one_that_completes_most(settings: dict[str, Any]
 
 def test_of_two_equally_good_policies_the_later_is_kept(settings: dict[str, Any], tmp_path: Path) -> None:
     training = Training(Fake(), settings, _folder(tmp_path), _no_tracking(tmp_path))
-    training.folder.claim(resume=False)
+    training.folder.path.mkdir()
     for env_steps in (100, 200):
         training.progress.env_steps = env_steps
         training.evaluate()
