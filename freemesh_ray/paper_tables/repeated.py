@@ -15,16 +15,14 @@ from freemesh_ray.policies.policy import Policy
 
 @dataclass(frozen=True)
 class Repeated:
-    """What came of several episodes.
+    """The completed meshes of several episodes.
 
     Attributes:
-        episodes: how many were begun.
-        eta: (m,) element quality of all elements of all completed meshes.
-        elements: (c,) elements of each completed mesh.
+        eta: (m,) element quality of all elements of all of them.
+        elements: (c,) elements of each.
         seconds: (c,) wall time of each.
     """
 
-    episodes: int
     eta: Floats
     elements: Floats
     seconds: Floats
@@ -42,4 +40,4 @@ def repeat(policy: Policy, domain: Domain, episodes: int) -> Repeated:
             eta.append(element_quality(result.mesh.vertices, result.mesh.quads))
             elements.append(len(result.mesh.quads))
             seconds.append(elapsed)
-    return Repeated(episodes, np.concatenate(eta), np.array(elements, dtype=np.float64), np.array(seconds))
+    return Repeated(np.concatenate(eta), np.array(elements, dtype=np.float64), np.array(seconds))

@@ -10,7 +10,7 @@ from freemesh_ray.policies.evaluation import DETERMINISTIC
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import VariantResult, iqm_interval
 from freemesh_ray.statistics.bootstrap import Interval
-from freemesh_ray.statistics.improvement import Verdict, chance, improvement_interval, verdict
+from freemesh_ray.statistics.improvement import Verdict, improvement_interval, p_value, verdict
 
 #: More pairs than a reader takes in.
 MANY = 15
@@ -24,7 +24,7 @@ class Comparison:
         x, y: labels.
         runs: of x and of y.
         by_final: P(X > Y) by the final value of the metric.
-        chance: how often equal variants would come out in this order by it, as clearly or more.
+        p_value: how often equal variants would come out in this order by it, as clearly or more.
         by_score: P(X > Y) by the score on the evaluation domains; None without any.
     """
 
@@ -32,7 +32,7 @@ class Comparison:
     y: str
     runs: tuple[int, int]
     by_final: Interval
-    chance: float
+    p_value: float
     by_score: Interval | None
 
 
@@ -71,8 +71,8 @@ def compare(x: VariantResult, y: VariantResult, transfer: Transfer) -> Compariso
     scores = [transfer.of(variant.label, "score", DETERMINISTIC) for variant in (x, y)]
     by_score = improvement_interval(*scores) if all(each.size for each in scores) else None
     by_final = improvement_interval(a[:, None], b[:, None])
-    by_chance = chance(a, b) if by_final.value >= 0.5 else chance(b, a)
-    return Comparison(x.label, y.label, (len(a), len(b)), by_final, by_chance, by_score)
+    p = p_value(a, b) if by_final.value >= 0.5 else p_value(b, a)
+    return Comparison(x.label, y.label, (len(a), len(b)), by_final, p, by_score)
 
 
 def outcomes(

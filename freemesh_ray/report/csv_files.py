@@ -79,10 +79,10 @@ def comparisons(path: Path, found: Sequence[Comparison]) -> Path:
     """Write every pair of variants."""
     nothing = (None, None, None)
     rows = [
-        [each.x, each.y, *each.runs, *map(float, each.by_final), each.chance,
+        [each.x, each.y, *each.runs, *map(float, each.by_final), each.p_value,
          *(nothing if each.by_score is None else map(float, each.by_score))]
         for each in found
     ]  # fmt: skip
-    header = ["x", "y", "runs_x", "runs_y", "by_final", "by_final_low", "by_final_high", "chance",
+    header = ["x", "y", "runs_x", "runs_y", "by_final", "by_final_low", "by_final_high", "p_value",
               "by_score", "by_score_low", "by_score_high"]  # fmt: skip
     return write(path, header, rows)

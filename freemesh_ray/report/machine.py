@@ -1,4 +1,4 @@
-"""What the machine is, for a report's reader."""
+"""The machine that a report is made on."""
 
 from __future__ import annotations
 

@@ -57,13 +57,13 @@ def expectations(outcomes: Sequence[Outcome], by: str, paper: bool) -> str:
             rows.append([expected, "-", "-", "-", f"{outcome.verdict}: no evaluation yet"])
             continue
         rows.append([expected, f"{found.runs[0]} / {found.runs[1]}", probability(found),
-                     f"{found.chance:.3f}", f"**{outcome.verdict}**"])  # fmt: skip
+                     f"{found.p_value:.3f}", f"**{outcome.verdict}**"])  # fmt: skip
     told = ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said])
-    table = markdown([f"expected, by the {by}", "seeds", "P(X > Y) [95 %]", "chance", "verdict"], rows)
+    table = markdown([f"expected, by the {by}", "seeds", "P(X > Y) [95 %]", "p-value", "verdict"], rows)
     return (
         f"## {'What the paper expects' if paper else 'What was expected'}\n\n{told}.\n\n{table}\n\n"
-        "Confirmed: the 95 % interval of P(X > Y) lies wholly above one half, and equal variants would come out in so "
-        f"clear an order with a chance of at most {SIGNIFICANT:g} (three seeds against three can just reach it). "
+        "Confirmed: the 95 % interval of P(X > Y) lies wholly above one half, and the p-value of a one-sided "
+        f"permutation test is at most {SIGNIFICANT:g} (three seeds against three can just reach it). "
         "Refuted: the same the other way round. Undecided: anything else, and always before both are finished."
     )
 
@@ -214,17 +214,17 @@ def pairs(comparisons: Sequence[Comparison], every: int, by: str, picture: Pictu
             cell(f"{found.x} > {found.y}"),
             f"{found.runs[0]} / {found.runs[1]}",
             probability(found),
-            f"{found.chance:.3f}",
+            f"{found.p_value:.3f}",
             "-" if found.by_score is None else bracketed(found.by_score, ".2f", max(found.runs)),
         ]
         for found in comparisons
     ]
-    header = ["X > Y", "seeds", f"by {by} [95 %]", "chance", "by score on the domains [95 %]"]
+    header = ["X > Y", "seeds", f"by {by} [95 %]", "p-value", "by score on the domains [95 %]"]
     return (
         f"## Pair by pair\n\n{picture('improvement', 'probability of improvement, pair by pair')}\n\n"
         f"{markdown(header, rows)}\n\nProbability that a run of X beats a run of Y, ties counting half; the variant "
-        f"with the higher IQM of the {by} stands first. Chance: how often equal variants would come out in this order, "
-        f"as clearly or more (permutation test, one-sided).{fewer}"
+        f"with the higher IQM of the {by} stands first. P-value: how often equal variants would come out in this "
+        f"order, as clearly or more (one-sided permutation test).{fewer}"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a handful of seeds tells: robust means, their intervals, profiles and comparisons; pure NumPy and SciPy.
+"""Statistics of a few seeds: robust means, their intervals, profiles and comparisons; pure NumPy and SciPy.
 
 After Agarwal, Schwarzer, Castro, Courville, Bellemare (2021), *Deep reinforcement learning at the edge of the
 statistical precipice*, NeurIPS 34, "Agarwal et al." below.

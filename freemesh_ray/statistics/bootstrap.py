@@ -10,7 +10,7 @@ import numpy as np
 from envs.types import Floats, Ints
 
 RESAMPLES, LEVEL = 2000, 0.95
-#: Scores drawn at a time: bounds the memory, 8 bytes each.
+#: Scores that are resampled at a time, 8 bytes each: bounds the memory.
 AT_A_TIME = 4_000_000
 
 #: From scores (..., n, m) to their figure (...).

@@ -12,9 +12,9 @@ from scipy.stats import rankdata
 from envs.types import Floats
 from freemesh_ray.statistics.bootstrap import LEVEL, RESAMPLES, Interval, checked, draws, percentile_interval
 
-#: Orders of the seeds that are gone through at most, for the exact chance; more are drawn at random.
-ORDERS = 20_000
-#: A verdict needs a chance of at most this, the usual one-sided 1 in 20.
+#: Permutations of the runs that are enumerated at most, for an exact p-value; of more, as many are drawn.
+PERMUTATIONS = 20_000
+#: A verdict needs a one-sided p-value of at most this.
 SIGNIFICANT = 0.05
 
 
@@ -63,32 +63,32 @@ def improvement_interval(
     return percentile_interval(probability_of_improvement(x, y), probability_of_improvement(*drawn), level)
 
 
-def chance(x: Floats, y: Floats, seed: int = 0) -> float:
+def p_value(x: Floats, y: Floats, seed: int = 0) -> float:
     """How often runs of equal algorithms would favour x as clearly or more: one-sided permutation test of P(X > Y).
 
-    Every way to share out the runs is gone through where there are at most `ORDERS` (exact), else as many are drawn.
-    With three seeds against three the least it can be is 1/20.
+    All permutations are enumerated where there are at most `PERMUTATIONS` (exact), else as many are drawn. With three
+    runs against three the least that it can be is 1/20.
 
     Args:
         x: (n_x,) scores of one algorithm.
         y: (n_y,) scores of the other.
         seed: of the draws.
     """
-    ranks = rankdata(np.concatenate([x, y]))  # with the sum of its runs' ranks an algorithm's P(X > Y) rises
+    ranks = rankdata(np.concatenate([x, y]))  # P(X > Y) rises with the sum of x's ranks
     observed = ranks[: len(x)].sum()
-    if comb(len(ranks), len(x)) <= ORDERS:
+    if comb(len(ranks), len(x)) <= PERMUTATIONS:
         orders = np.array(list(combinations(ranks, len(x))))
         return float(np.mean(orders.sum(axis=1) >= observed))
-    drawn = np.random.default_rng(seed).permuted(np.tile(ranks, (ORDERS, 1)), axis=1)[:, : len(x)]
-    # The order that was found is one of those that are possible (Phipson and Smyth 2010).
-    return float((1 + np.sum(drawn.sum(axis=1) >= observed)) / (1 + ORDERS))
+    drawn = np.random.default_rng(seed).permuted(np.tile(ranks, (PERMUTATIONS, 1)), axis=1)[:, : len(x)]
+    # The permutation that was observed counts, too (Phipson and Smyth 2010).
+    return float((1 + np.sum(drawn.sum(axis=1) >= observed)) / (1 + PERMUTATIONS))
 
 
 def verdict(x: Floats, y: Floats, *, seed: int = 0) -> Verdict:
     """Whether runs confirm that x is better than y.
 
     Confirmed: the interval of P(X > Y) lies wholly above one half. Refuted: wholly below. Percentile intervals of very
-    few runs are too narrow, so that the order must also be unlikely by chance, at most `SIGNIFICANT`.
+    few runs are too narrow, so that the p-value must also be at most `SIGNIFICANT`.
 
     Args:
         x: (n_x,) scores of the one expected to be better.
@@ -96,8 +96,8 @@ def verdict(x: Floats, y: Floats, *, seed: int = 0) -> Verdict:
         seed: of the draws.
     """
     interval = improvement_interval(x[:, None], y[:, None], seed=seed)
-    if interval.low > 0.5 and chance(x, y, seed) <= SIGNIFICANT:
+    if interval.low > 0.5 and p_value(x, y, seed) <= SIGNIFICANT:
         return Verdict.CONFIRMED
-    if interval.high < 0.5 and chance(y, x, seed) <= SIGNIFICANT:
+    if interval.high < 0.5 and p_value(y, x, seed) <= SIGNIFICANT:
         return Verdict.REFUTED
     return Verdict.UNDECIDED

@@ -1,4 +1,4 @@
-"""The interquartile mean: what the middle half of the runs reaches."""
+"""The interquartile mean: the mean of the middle half of the runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from envs.types import Floats
 def interquartile_mean(values: Floats) -> Floats:
     """Mean of the middle half of the values along the last axis (Agarwal et al., section 4.3).
 
-    Each of n values has the mass 1/n; a quarter of the mass is taken from either end, so that at most two values count
+    Each of n values has the mass 1/n; a quarter of the mass is cut off at either end, so that at most two values count
     in part: of three, the outer ones count a quarter of the middle one. Where 4 divides n it is
     ``scipy.stats.trim_mean(values, 0.25)``, which elsewhere takes off less than a quarter.
 

@@ -1,4 +1,4 @@
-"""Performance profiles: how large a share of the runs does better than this, for every this."""
+"""Performance profiles: the share of runs above each score."""
 
 from __future__ import annotations
 

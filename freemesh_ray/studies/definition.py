@@ -157,13 +157,14 @@ def load(source: str | Path, sets: Sequence[str] = (), *, smoke: bool = False) -
         ConfigError: what is wrong, with file, line and fix.
     """
     name, root = config.document(source)
-    parts = dict(_pairs(root, name, 1, ""))
+    parts = _pairs(root, 1, name, "the file")
     for key, (_, line) in parts.items():
         if key not in ("study", "settings"):
             raise ConfigError(f"{name}:{line}: {key}: unknown part of a study: it has study and settings")
     if "study" not in parts:
         raise ConfigError(f"{name}:1: is no study: it has no part `study`; settings of one training are for --config")
-    settings = config.tree_layer(*_at(parts["settings"], name)) if "settings" in parts else []
+    layer, line = parts.get("settings", (None, 1))
+    settings = [] if layer is None else config.tree_layer(layer, name, line)
     study = _study(Path(name).stem, name, *parts["study"], settings)
     return _over(study, [config.set_layer(text) for text in sets], smoke)
 
@@ -199,33 +200,20 @@ def _over(study: Study, last: list[Layer], smoke: bool) -> Study:
 
 
 def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) -> Study:
-    values: dict[str, Any] = {}
-    variants: dict[str, Layer] = {}
-    search = None
-    lines: dict[str, int] = {}
-    for key, (child, at) in _pairs(node, name, line, "study"):
-        place = f"{name}:{at}"
-        lines[key] = at
-        if key == "variants":
-            for label, (settings_of, below) in _pairs(child, name, at, "study.variants"):
-                config.check(label, LABEL, f"{name}:{below}", "study.variants")
-                variants[label] = [] if _nothing(settings_of) else config.tree_layer(settings_of, name, below)
-        elif key == "search":
-            search = _search(name, child, at)
-        elif key in KEYS:
-            values[key] = config.check(config.plain(child, place), KEYS[key], place, f"study.{key}")
-        else:
-            known = ", ".join([*KEYS, "variants", "search"])
-            raise ConfigError(f"{place}: study.{key}: unknown key: known are {known}")
+    values, parts = _keys(node, name, line, "study", KEYS, "variants", "search")
+    variants = _variants(name, *parts["variants"]) if "variants" in parts else {}
+    search = _search(name, *parts["search"]) if "search" in parts else None
     if "title" not in values:
         raise ConfigError(f"{name}:{line}: study.title is missing: it must be {KEYS['title']}")
     if bool(variants) == bool(search):
         raise ConfigError(f"{name}:{line}: study: give variants (label: settings), or a search, one of the two")
     seeds = values.get("seeds", [])
     if search and len(seeds) != 1:
-        raise ConfigError(f"{name}:{lines.get('seeds', line)}: study.seeds: a search has one seed: write seeds: [356]")
+        at = parts["seeds"][1] if seeds else line
+        raise ConfigError(f"{name}:{at}: study.seeds: a search has one seed: write seeds: [356]")
     if "expects" in values:
-        values["expects"] = [_expected(text, variants, f"{name}:{lines['expects']}") for text in values["expects"]]
+        place = f"{name}:{parts['expects'][1]}"
+        values["expects"] = [_expected(text, variants, place) for text in values["expects"]]
     own = ["seed" in config.values(layer) for layer in variants.values()]
     if any(own) and (seeds or not all(own)):
         raise ConfigError(f"{name}:{line}: study: either every variant sets its seed, or study.seeds does for all")
@@ -234,22 +222,23 @@ def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) ->
     return Study(name=stem, variants=variants, search=search, settings=settings, **values)
 
 
+def _variants(name: str, node: yaml.Node, line: int) -> dict[str, Layer]:
+    variants = {}
+    for label, (settings, at) in _pairs(node, line, name, "study.variants").items():
+        config.check(label, LABEL, f"{name}:{at}", "study.variants")
+        variants[label] = [] if _nothing(settings) else config.tree_layer(settings, name, at)
+    return variants
+
+
 def _search(name: str, node: yaml.Node, line: int) -> Search:
-    values: dict[str, Any] = {}
-    space: dict[str, Space] = {}
-    for key, (child, at) in _pairs(node, name, line, "study.search"):
-        place = f"{name}:{at}"
-        if key == "space":
-            for setting, (choice, below) in _pairs(child, name, at, "study.search.space"):
-                space[setting] = read_space(setting, config.plain(choice, f"{name}:{below}"), f"{name}:{below}")
-        elif key in SEARCH_KEYS:
-            values[key] = config.check(config.plain(child, place), SEARCH_KEYS[key], place, f"study.search.{key}")
-        else:
-            raise ConfigError(
-                f"{place}: study.search.{key}: unknown key: known are {', '.join([*SEARCH_KEYS, 'space'])}"
-            )
-    if "trials" not in values or not space:
+    values, parts = _keys(node, name, line, "study.search", SEARCH_KEYS, "space")
+    choices = _pairs(*parts["space"], name, "study.search.space") if "space" in parts else {}
+    if "trials" not in values or not choices:
         raise ConfigError(f"{name}:{line}: study.search: needs trials (how many) and space (key: {{uniform: [a, b]}})")
+    space = {
+        key: read_space(key, config.plain(choice, f"{name}:{at}"), f"{name}:{at}")
+        for key, (choice, at) in choices.items()
+    }
     return Search(space=space, **values)
 
 
@@ -260,21 +249,36 @@ def _expected(text: str, variants: Mapping[str, Layer], place: str) -> tuple[str
     return found[1], found[2]
 
 
-def _pairs(node: yaml.Node, name: str, line: int, what: str) -> list[tuple[str, tuple[yaml.Node, int]]]:
-    """(key, (value, line)) of a mapping, each key once."""
+#: Key -> its value and its line.
+_Pairs = dict[str, tuple[yaml.Node, int]]
+
+
+def _keys(
+    node: yaml.Node, name: str, line: int, what: str, known: Mapping[str, Field], *nested: str
+) -> tuple[dict[str, Any], _Pairs]:
+    """The checked values of a mapping's ``known`` keys, and all its pairs, those of ``nested`` keys among them."""
+    pairs = _pairs(node, line, name, what)
+    values = {}
+    for key, (child, at) in pairs.items():
+        place = f"{name}:{at}"
+        if key in known:
+            values[key] = config.check(config.plain(child, place), known[key], place, f"{what}.{key}")
+        elif key not in nested:
+            raise ConfigError(f"{place}: {what}.{key}: unknown key: known are {', '.join([*known, *nested])}")
+    return values, pairs
+
+
+def _pairs(node: yaml.Node, line: int, name: str, what: str) -> _Pairs:
+    """The pairs of a mapping, each key once."""
     if not isinstance(node, yaml.MappingNode):
-        raise ConfigError(f"{name}:{line}: {what or 'the file'}: must be keys with values below it")
-    found: dict[str, tuple[yaml.Node, int]] = {}
+        raise ConfigError(f"{name}:{line}: {what}: must be keys with values below it")
+    found: _Pairs = {}
     for key, value in node.value:
         at = key.start_mark.line + 1
         if str(key.value) in found:
             raise ConfigError(f"{name}:{at}: {key.value}: already set at line {found[key.value][1]}: remove one")
         found[str(key.value)] = (value, at)
-    return list(found.items())
-
-
-def _at(part: tuple[yaml.Node, int], name: str) -> tuple[yaml.Node, str, int]:
-    return part[0], name, part[1]
+    return found
 
 
 def _nothing(node: yaml.Node) -> bool:

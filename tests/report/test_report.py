@@ -284,7 +284,7 @@ def test_verdicts_follow_the_returns(small: Path):
     (outcome,) = outcomes(results.study.expects, variant_results(results), NOTHING)
     assert str(outcome.verdict) == "confirmed"
     assert outcome.comparison is not None
-    assert outcome.comparison.chance == pytest.approx(1 / 20)
+    assert outcome.comparison.p_value == pytest.approx(1 / 20)
 
 
 # ---- the paper's tables ----------------------------------------------------------------------------------------------

@@ -21,8 +21,8 @@ from freemesh_ray.statistics.curves import (
 )
 from freemesh_ray.statistics.improvement import (
     Verdict,
-    chance,
     improvement_interval,
+    p_value,
     probability_of_improvement,
     verdict,
 )
@@ -194,7 +194,7 @@ def test_strata_of_both_must_be_the_same():
 
 
 @given(st.integers(1, 4), st.integers(1, 4), st.integers(0, 9))
-def test_the_chance_is_the_share_of_orders_that_are_as_clear(n: int, m: int, seed: int):
+def test_the_p_value_is_the_share_of_orders_that_are_as_clear(n: int, m: int, seed: int):
     values = np.round(np.random.default_rng(seed).normal(size=n + m), 1)
     x, y = values[:n], values[n:]
     observed = probability_of_improvement(x[:, None], y[:, None])
@@ -202,15 +202,15 @@ def test_the_chance_is_the_share_of_orders_that_are_as_clear(n: int, m: int, see
         probability_of_improvement(values[list(a)][:, None], np.delete(values, list(a))[:, None])
         for a in combinations(range(n + m), n)
     ]
-    assert chance(x, y) == pytest.approx(np.mean(np.array(orders) >= observed - 1e-12))
+    assert p_value(x, y) == pytest.approx(np.mean(np.array(orders) >= observed - 1e-12))
 
 
-def test_of_many_runs_the_chance_is_estimated_and_agrees_with_mann_and_whitney():
+def test_of_many_runs_the_p_value_is_estimated_and_agrees_with_mann_and_whitney():
     random = np.random.default_rng(3)
     x, y = random.normal(0.7, 1, size=15), random.normal(size=14)
     expected = mannwhitneyu(x, y, alternative="greater", method="exact").pvalue
-    assert chance(x, y) == pytest.approx(expected, rel=0.2)
-    assert chance(x, y) == chance(x, y)
+    assert p_value(x, y) == pytest.approx(expected, rel=0.2)
+    assert p_value(x, y) == p_value(x, y)
 
 
 def test_verdicts():

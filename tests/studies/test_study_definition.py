@@ -84,6 +84,10 @@ def test_a_setting_that_is_a_list_can_be_searched(tmp_path: Path):
     space = "learner.hidden: {choice: [[64, 64], [128, 128, 128]]}"
     study = load(written(SEARCH.replace("learner.gamma: {uniform: [0.9, 0.99]}", space), tmp_path))
     search = plan.SearchPlan(study, tmp_path)
+    assert study.search is not None
+    assert (
+        plan.default_point(study)["learner.hidden"] in study.search.space["learner.hidden"].values
+    )  # as Tune draws it
     default, other = search.trial(plan.default_point(study), "a"), search.trial({"learner.hidden": (64, 64)}, "b")
     assert (default.label, other.label) == (plan.DEFAULT, "b")
     assert [trial.config["learner"]["hidden"] for trial in (default, other)] == [[128, 128, 128], [64, 64]]
@@ -143,6 +147,7 @@ BAD_SEARCHES = [
     (SEARCH.replace("learner.gamma", "learner.gama"), "7: learner.gama: unknown key"),
     (SEARCH.replace("learner.gamma: {uniform: [0.9, 0.99]}", "learner.batch_size: {uniform: [1, 9]}"), "with choice"),
     (SEARCH.replace("    trials: 4\n", ""), "needs trials"),
+    (SEARCH.replace("\n      learner.gamma: {uniform: [0.9, 0.99]}", " {}"), "needs trials"),
     (SEARCH.replace("seeds: [1]", "seeds: [1, 2]"), "3: study.seeds: a search has one seed"),
     (SEARCH.replace("trials: 4", "trials: 4\n    shape: round"), "6: study.search.shape: unknown key"),
 ]
