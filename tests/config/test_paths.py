@@ -71,7 +71,7 @@ def test_a_url_is_no_folder(url: str, here: Path, monkeypatch: pytest.MonkeyPatc
             config.load([], [f"{key}={url}"])
     monkeypatch.setenv(HOME, url)
     with pytest.raises(config.ConfigError, match=f"^{HOME}: .*must be a folder, not a URL.*{url[:4]}"):
-        Places.here()
+        Paths.from_environment()
     assert list(here.iterdir()) == []
 
 
