@@ -113,6 +113,7 @@ def _row(study: Study) -> list[str]:
 
 def _opening(study: Study) -> str:
     """What is about to happen."""
+    from freemesh_ray.storage.lock import holder
     from freemesh_ray.studies.runner import parallel, planned
 
     folder, _, records = planned(study)
@@ -121,9 +122,14 @@ def _opening(study: Study) -> str:
     count = study.search.trials if study.search else len(records)
     steps = settings["budget"]["env_steps"]
     known = f", {found} of them trained before" if found else ""
-    return (
-        f"{study.title}\n{count} trials of {steps:,} env steps{known}, {parallel(settings)} at a time -> {folder.path}"
-    )
+    lines = [
+        study.title,
+        f"{count} trials of {steps:,} env steps{known}, {parallel(settings)} at a time -> {folder.path}",
+    ]
+    for record in records:
+        if record.status != "finished" and (by := holder(folder.run_of(record).path)):
+            lines.append(f"{record.label}-{record.seed} is waited for: {by}")
+    return "\n".join(lines)
 
 
 def _trials(study: Study) -> str:

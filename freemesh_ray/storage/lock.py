@@ -14,6 +14,7 @@ import json
 import logging
 import os
 import platform
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -25,6 +26,8 @@ from freemesh_ray.errors import UserError
 log = logging.getLogger(__name__)
 
 FILE = ".lock"
+#: Between two tries of whoever waits.
+PAUSE_SECONDS = 0.2
 #: Linux's name of the time since the machine was last started.
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 #: What `flock` raises where another holds the lock.
@@ -36,25 +39,25 @@ class InUseError(UserError):
 
 
 @contextmanager
-def held(folder: Path, fix: str) -> Iterator[None]:
+def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[None]:
     """Hold the lock of ``folder``, which must be there.
 
     Args:
         folder: that no other process, and no one else in this one, shall work in meanwhile.
         fix: what the message ends with.
+        patience: seconds to wait for another to give it back; may be infinite.
 
     Raises:
         InUseError: another holds it.
         OSError: there is no such folder, or it cannot be written to.
     """
     descriptor = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
+    deadline = time.monotonic() + patience
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno in HELD:
-                raise InUseError(f"{folder}: {_told(os.pread(descriptor, 10_000, 0))}: {fix}") from error
-            log.warning("%s: no lock can be had (%s): let no second process work there", folder, error.strerror)
+        while not _locked(descriptor, folder):
+            if time.monotonic() >= deadline:
+                raise InUseError(f"{folder}: {_holder(descriptor)}: {fix}")
+            time.sleep(PAUSE_SECONDS)
         _write(descriptor, {
             "host": platform.node(), "pid": os.getpid(), "boot": BOOT.read_text().strip() if BOOT.is_file() else None,
             "since": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
@@ -64,18 +67,41 @@ def held(folder: Path, fix: str) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _write(descriptor: int, holder: Mapping[str, Any]) -> None:
+def holder(folder: Path) -> str | None:
+    """Who holds the lock of ``folder`` now, in words; None where nobody does."""
+    try:
+        descriptor = os.open(folder / FILE, os.O_RDWR)
+    except OSError:
+        return None
+    try:
+        return None if _locked(descriptor, folder) else _holder(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int, folder: Path) -> bool:
+    """Whether the lock could be had, or there are no locks."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in HELD:
+            return False
+        log.warning("%s: no lock can be had (%s): let no second process work there", folder, error.strerror)
+    return True
+
+
+def _write(descriptor: int, about: Mapping[str, Any]) -> None:
     """Write who holds the lock, as far as the disk takes it."""
-    text = json.dumps(holder).encode()
+    text = json.dumps(about).encode()
     with suppress(OSError):
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, text, 0)
 
 
-def _told(content: bytes) -> str:
+def _holder(descriptor: int) -> str:
     """Who holds the lock, as the file says; it may be about to be written."""
     try:
-        holder = json.loads(content)
-        return f"process {holder['pid']} on {holder['host']} has worked here since {holder['since']}"
+        told = json.loads(os.pread(descriptor, 10_000, 0))
+        return f"process {told['pid']} on {told['host']} has worked here since {told['since']}"
     except (ValueError, KeyError, TypeError):
         return "another process works here"

@@ -18,6 +18,7 @@ from ray import tune
 from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
 from freemesh_ray.config import flatten
 from freemesh_ray.policies.policy import Policy
+from freemesh_ray.storage.lock import held
 from freemesh_ray.studies import search
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.studies.plan import Plan, SearchPlan, VariantPlan, variant_plan
@@ -93,22 +94,26 @@ def run(
 
     Raises:
         StudyError: there is such a study, and ``resume`` is false, it is another, or it was begun from another source.
+        InUseError: another process runs it.
         KeyboardInterrupt: it was interrupted; ``resume`` goes on.
     """
     folder, plan, records = planned(study)
     folder.claim(study, resume)
-    records = merged(records, folder.read())
     tracking = study.settings_of_all()["tracking"]
-    with MLflowRun(
-        folder.path,
-        uri=tracking["uri"],
-        experiment=tracking["experiment"],
-        name=study.name,
-        params=flatten(study.tree()),
-        tags={"study": study.name},
-        resume=resume,
-        enabled=tracking["enabled"],
-    ) as parent:
+    with (
+        held(folder.path, "wait for its end"),
+        MLflowRun(
+            folder.path,
+            uri=tracking["uri"],
+            experiment=tracking["experiment"],
+            name=study.name,
+            params=flatten(study.tree()),
+            tags={"study": study.name},
+            resume=resume,
+            enabled=tracking["enabled"],
+        ) as parent,
+    ):
+        records = merged(records, folder.read())
         parent.artifact(folder.definition)
         folder.write(records)
         if isinstance(plan, VariantPlan):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from ray import tune
 
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
@@ -68,12 +71,16 @@ class TrialTrainable(tune.Trainable):
 
     def _begin(self, trial: Trial) -> None:
         _, make, study, parent = self._about
+        self._lock = ExitStack()
         self._training: Training | None = None
         self._run: MLflowRun | None = None
-        self._figures = finished(trial.folder)
-        if self._figures is not None:  # it ended after Tune last wrote its record
-            return
         trial.folder.path.mkdir(parents=True, exist_ok=True)
+        # Another study may train the same: wait for its figures, or for the folder.
+        self._lock.enter_context(held(trial.folder.path, "wait", patience=math.inf))
+        self._figures = finished(trial.folder)
+        if self._figures is not None:  # by another study, or after Tune last wrote its record
+            self._lock.close()
+            return
         tracking = trial.config["tracking"]
         self._run = MLflowRun(
             trial.folder.path,
@@ -111,6 +118,7 @@ class TrialTrainable(tune.Trainable):
                 conclude(training)
                 with replacing(training.folder.path / FINISHED) as draft:
                     draft.write_text(json.dumps(figures))
+                self._lock.close()
                 self._run.close()
         except Exception:
             self._run.close("FAILED")
@@ -140,6 +148,7 @@ class TrialTrainable(tune.Trainable):
         if self._run is not None:
             self._run.close()
         self._training = self._run = None
+        self._lock.close()
 
 
 def _quiet() -> None:

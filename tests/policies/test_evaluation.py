@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from envs.domains.load import from_rings, load
-from envs.types import MeshingParameters
+from envs.domains.load import RandomDomains, from_rings, load
+from envs.types import Domain, MeshingParameters
+from freemesh_ray.policies import evaluation
 from freemesh_ray.policies.evaluation import (
     FIGURES,
     METRICS,
     MODES,
     evaluate,
+    evaluation_episodes,
     metric,
     mode_and_figure,
     run_episodes,
@@ -100,3 +102,17 @@ def test_counts_add_up() -> None:
         accepted = len(result.mesh.quads) - int(result.completed)
         assert result.steps == accepted + result.invalid
         assert 0.0 <= result.mean_eta <= 1.0
+
+
+def test_an_endless_supply_is_evaluated_on_forty_domains_that_training_never_draws(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[str, int]] = []
+
+    def episodes(policy: Policy, domain: Domain, count: int, **options: object) -> list[None]:
+        asked.append((domain.name, count))
+        return [None]
+
+    monkeypatch.setattr(evaluation, "run_episodes", episodes)
+    assert len(evaluation_episodes(WILD, RandomDomains(), 10, stochastic=False, seed=0)) == 40
+    assert asked == [(f"random-held-out-{i}", 1) for i in range(40)]

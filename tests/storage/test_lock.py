@@ -6,11 +6,13 @@ import errno
 import fcntl
 import json
 import logging
+import math
 import os
 import platform
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +20,7 @@ from pathlib import Path
 import pytest
 from processes import ROOT
 
-from freemesh_ray.storage.lock import FILE, InUseError, held
+from freemesh_ray.storage.lock import FILE, InUseError, held, holder
 
 #: Holds a folder's lock until it is killed; the child that it starts outlives it.
 HOLDER = """
@@ -34,7 +36,7 @@ with held(Path(sys.argv[1]), "wait"):
 
 
 @contextmanager
-def holder(folder: Path) -> Iterator[int]:
+def working(folder: Path) -> Iterator[int]:
     """A process that holds the lock and is then killed; its id."""
     process = subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(folder)], env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
@@ -54,13 +56,31 @@ def holder(folder: Path) -> Iterator[int]:
 
 
 def test_the_second_is_told_who_the_first_is_until_that_is_killed(tmp_path: Path) -> None:
-    with holder(tmp_path) as pid, pytest.raises(InUseError) as raised, held(tmp_path, "wait for its end"):
+    with working(tmp_path) as pid, pytest.raises(InUseError) as raised, held(tmp_path, "wait for its end"):
         pass
     line = str(raised.value)
     assert line.startswith(f"{tmp_path}: process {pid} on {platform.node()} has worked here since 2")
     assert line.endswith("UTC: wait for its end")
     assert "\n" not in line
     assert raised.value.exit_code == 2
+
+
+def test_who_waits_gets_it_when_the_first_is_killed(tmp_path: Path) -> None:
+    assert holder(tmp_path) is None
+    process = subprocess.Popen(
+        [sys.executable, "-c", "import sys; from pathlib import Path; from freemesh_ray.storage.lock import held\n"
+         "with held(Path(sys.argv[1]), 'wait'): print('held', flush=True); sys.stdin.read()", str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)}, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"held\n"
+    assert str(process.pid) in (holder(tmp_path) or "")
+    with pytest.raises(InUseError), held(tmp_path, "wait", patience=0.3):
+        pass
+    threading.Timer(0.5, process.kill).start()
+    with held(tmp_path, "wait", patience=math.inf):
+        assert process.wait() == -signal.SIGKILL
+    assert holder(tmp_path) is None
 
 
 def test_one_process_does_not_hold_it_twice(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from freemesh_ray.storage.lock import holder
 from freemesh_ray.studies.study_folder import StudyFolder
 
 SCRIPT = Path(__file__).parent / "fake_study.py"
@@ -102,6 +103,46 @@ def test_what_a_study_has_trained_no_other_trains_again_and_a_failure_sinks_neit
     later = Counter(log(tmp_path))
     assert later["begin 256/1"] == 1  # not again
     assert later["fail 13/1"] == 3  # tried, and tried again twice
+
+
+def test_two_studies_at_once_train_what_both_need_once(tmp_path: Path) -> None:
+    usual = {"usual": {"learner.batch_size": 256}}
+    paths = [written(tmp_path, name, {"variants": usual, "seeds": [1]}) for name in ("first", "second")]
+    processes = [
+        subprocess.Popen(
+            command(path), cwd=tmp_path, env=environment(tmp_path, 0.3), stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True,
+        )
+        for path in paths
+    ]  # fmt: skip
+    for process in processes:
+        output, _ = process.communicate(timeout=300)
+        assert process.returncode == 0, output
+    assert Counter(log(tmp_path))["begin 256/1"] == 1
+    assert [statuses(tmp_path, name) for name in ("first", "second")] == [{"usual-1": "finished"}] * 2
+    assert evaluated(tmp_path, "first") == evaluated(tmp_path, "second") == [[200, 400, 600]]
+
+
+def test_two_processes_do_not_run_one_study(tmp_path: Path) -> None:
+    path = written(tmp_path, "twice", {"variants": {"small": {"learner.batch_size": 8}}, "seeds": [1]})
+    first = subprocess.Popen(
+        command(path), cwd=tmp_path, env=environment(tmp_path, 0.5), stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    give_up = time.monotonic() + 200
+    while holder(tmp_path / "studies" / "twice") is None:
+        assert first.poll() is None
+        assert time.monotonic() < give_up
+        time.sleep(0.05)
+    second = subprocess.run(
+        command(path, "--resume"), cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True, timeout=300
+    )
+    assert second.returncode != 0
+    line = second.stderr.splitlines()[-1]
+    assert f"studies/twice: process {first.pid} on " in line
+    assert line.endswith("wait for its end")
+    assert first.wait(timeout=300) == 0
+    assert Counter(log(tmp_path)) == {"begin 8/1": 1}
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])

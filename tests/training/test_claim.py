@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_training import Fails, Fake, run, settings  # noqa: F401
+from test_training import Fails, Fake, run
 
 from freemesh_ray.cli import command
 from freemesh_ray.storage.lock import FILE, InUseError
@@ -19,7 +19,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != FILE}
 
 
-def test_a_run_that_another_trains_is_left_alone(settings: dict[str, Any]) -> None:  # noqa: F811
+def test_a_run_that_another_trains_is_left_alone(settings: dict[str, Any]) -> None:
     folder = RunFolder(Path(settings["paths"]["runs"]) / "fake")
     with folder.claimed(resume=True):
         # As a training that has evaluated and not yet saved leaves it.
@@ -46,7 +46,7 @@ def test_the_command_says_so_in_one_line_before_anything_is_started(
     assert err.startswith(f"freemesh: {tmp_path / 'twin'}: process {os.getpid()} on ")
 
 
-def test_a_training_holds_its_folder_until_it_ends_and_no_longer(settings: dict[str, Any]) -> None:  # noqa: F811
+def test_a_training_holds_its_folder_until_it_ends_and_no_longer(settings: dict[str, Any]) -> None:
     folder, refused = RunFolder(Path(settings["paths"]["runs"]) / "fake"), []
 
     def report(status: object) -> None:

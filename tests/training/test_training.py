@@ -70,22 +70,6 @@ class Fake:
         pass
 
 
-@pytest.fixture
-def settings(tmp_path: Path) -> dict[str, Any]:
-    return config.load(
-        ["train_smoke"],
-        [
-            f"paths.runs={tmp_path / 'runs'}",
-            "name=fake",
-            "budget.env_steps=1000",
-            "evaluation.interval=300",
-            "evaluation.episodes=2",
-            "checkpoint.interval=400",
-            "tracking.enabled=false",
-        ],
-    )
-
-
 def run(settings: dict[str, Any], fake: Fake, **options: Any) -> Any:
     return train(settings, make=lambda _: fake, **options)
 
@@ -212,11 +196,11 @@ def test_the_best_policy_is_the_one_that_completes_most(settings: dict[str, Any]
 
 def test_of_two_equally_good_policies_the_later_is_kept(settings: dict[str, Any], tmp_path: Path) -> None:
     training = Training(Fake(), settings, _folder(tmp_path), _no_tracking(tmp_path))
-    with training.folder.claimed(resume=False):
-        for env_steps in (100, 200):
-            training.progress.env_steps = env_steps
-            training.evaluate()
-            assert Policy.load(training.folder.policy).about["env_steps"] == training.progress.best_steps == env_steps
+    training.folder.path.mkdir()
+    for env_steps in (100, 200):
+        training.progress.env_steps = env_steps
+        training.evaluate()
+        assert Policy.load(training.folder.policy).about["env_steps"] == training.progress.best_steps == env_steps
 
 
 def test_a_checkpoint_cut_short_is_not_seen(tmp_path: Path) -> None:

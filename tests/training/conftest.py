@@ -1,0 +1,26 @@
+"""What tests of the training share: settings of a small one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from freemesh_ray import config
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> dict[str, Any]:
+    return config.load(
+        ["train_smoke"],
+        [
+            f"paths.runs={tmp_path / 'runs'}",
+            "name=fake",
+            "budget.env_steps=1000",
+            "evaluation.interval=300",
+            "evaluation.episodes=2",
+            "checkpoint.interval=400",
+            "tracking.enabled=false",
+        ],
+    )
