@@ -115,7 +115,7 @@ def image_environment() -> dict[str, str]:
 
 def readme_lines() -> list[list[str]]:
     """The shell lines of the README's blocks, split into words, with the variables that the README sets."""
-    blocks = re.findall(r"^ *```\n(.*?)^ *```", README, re.M | re.S)
+    blocks = re.findall(r"^ *```sh\n(.*?)^ *```", README, re.M | re.S)
     lines = [line.strip() for block in blocks for line in block.splitlines()]
     variables = dict(match.groups() for line in lines if (match := re.fullmatch(r'([A-Z]+)="(.*)"', line)))
     for name, value in variables.items():
