@@ -1,15 +1,18 @@
-"""What a user can mend."""
+"""The one error for what a user can mend, and the exit codes of commands."""
 
 from __future__ import annotations
 
 from typing import ClassVar
+
+#: Exit codes: work that failed, bad input, Ctrl-C.
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 class UserError(Exception):
     """Something that a user can mend; the message is one line that names the place and the fix.
 
     Attributes:
-        exit_code: what the command ends with: 2 for bad input, 1 for work that failed.
+        exit_code: what a command ends with: ``BAD_INPUT``, or ``FAILED`` for work that failed.
     """
 
-    exit_code: ClassVar[int] = 2
+    exit_code: ClassVar[int] = BAD_INPUT

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import NoReturn
 
-from freemesh_ray.errors import INTERRUPTED, UserError
+from envs.errors import INTERRUPTED, UserError
 from freemesh_ray.local_ray import environment
 
 

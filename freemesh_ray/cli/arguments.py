@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from freemesh_ray.errors import BAD_INPUT
+from envs.errors import BAD_INPUT
 
 
 class Parser(argparse.ArgumentParser):

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
+from envs.errors import INTERRUPTED, UserError
 from freemesh_ray.cli import bench, compare, domains, mesh, paper, report, serve, study, submit, sync, train
 from freemesh_ray.cli.arguments import Parser
-from freemesh_ray.errors import INTERRUPTED, UserError
 from freemesh_ray.local_ray import environment as ray_environment
 
 # One thread a process: on few cores, processes that each start a thread a core slow each other down many times over.

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from envs.errors import INTERRUPTED
 from freemesh_ray import config
 from freemesh_ray.cli import study, train
 from freemesh_ray.cli.arguments import Parser, add_command, whole
 from freemesh_ray.config import paths
-from freemesh_ray.errors import INTERRUPTED
 from freemesh_ray.jobs import server
 from freemesh_ray.jobs.package import check_size
 from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission

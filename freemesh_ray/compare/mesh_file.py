@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from envs.errors import UserError
 from envs.polygons.rings import LARGEST_COORDINATE
 from envs.types import Domain, Floats, Ints
 from freemesh_ray.compare.abaqus_file import read_abaqus
 from freemesh_ray.compare.confined import read_confined
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
-from freemesh_ray.errors import UserError
 
 #: meshio's names for elements that are compared, and how many corners they have; nodes beyond those are left out.
 QUADS = ("quad", "quad8", "quad9")

@@ -7,8 +7,8 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from envs.errors import UserError
 from envs.types import Setting
-from freemesh_ray.errors import UserError
 
 
 class ConfigError(UserError, ValueError):

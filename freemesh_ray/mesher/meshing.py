@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from envs.errors import FAILED, UserError
 from envs.filling.convex_fill import FillError, fill
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Domain
-from freemesh_ray.errors import FAILED, UserError
 from freemesh_ray.finish import finish
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.policies.policy import Policy

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.errors import UserError
 from envs.types import MeshingParameters
-from freemesh_ray.errors import UserError
 from freemesh_ray.storage.array_archive import read_arrays
 from freemesh_ray.storage.atomic import replacing
 

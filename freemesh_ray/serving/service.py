@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from ipaddress import ip_address
 
-from freemesh_ray.errors import UserError
+from envs.errors import UserError
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.limits import Limits

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from freemesh_ray.errors import UserError
+from envs.errors import UserError
 
 
 class OutputError(UserError, ValueError):

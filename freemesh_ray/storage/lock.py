@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.errors import UserError
+from envs.errors import UserError
 
 log = logging.getLogger(__name__)
 

@@ -16,8 +16,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from envs.errors import UserError
 from freemesh_ray import config
-from freemesh_ray.errors import UserError
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.studies.definition import Study, load
 from freemesh_ray.training.run_folder import RunFolder

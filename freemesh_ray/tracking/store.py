@@ -15,8 +15,8 @@ from pathlib import Path
 from shutil import which
 from typing import Any
 
+from envs.errors import FAILED, UserError
 from freemesh_ray.config.paths import shown
-from freemesh_ray.errors import FAILED, UserError
 
 log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ import shutil
 from pathlib import Path
 from typing import Any, Protocol
 
-from freemesh_ray.errors import UserError
+from envs.errors import UserError
 from freemesh_ray.storage import state_file
 
 PROGRESS = "progress.json"

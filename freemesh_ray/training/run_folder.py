@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.errors import FAILED, UserError
+from envs.errors import FAILED, UserError
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.lock import held
 from freemesh_ray.training import checkpoint

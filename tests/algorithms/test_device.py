@@ -15,6 +15,7 @@ import torch
 from learners import ACT, BATCH, OBS, batch, learner, module, update
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
+from envs.errors import BAD_INPUT
 from freemesh_ray.algorithms import device
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.off_policy import OffPolicyConfig
@@ -24,7 +25,6 @@ from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.bench import gpu
 from freemesh_ray.cli import command
 from freemesh_ray.config import ConfigError
-from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.studies import runner
 
 DEVICES = [

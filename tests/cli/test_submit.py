@@ -18,8 +18,8 @@ import yaml
 from processes import ROOT, free_port
 from ray._private.runtime_env import packaging
 
+from envs.errors import BAD_INPUT, INTERRUPTED
 from freemesh_ray.cli import command, submit
-from freemesh_ray.errors import BAD_INPUT, INTERRUPTED
 from freemesh_ray.jobs import server
 from freemesh_ray.jobs.submit_line import RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from envs.errors import BAD_INPUT
 from freemesh_ray import config
 from freemesh_ray.cli import command
 from freemesh_ray.config.paths import HOME, JOB, STORE, Paths, shown
-from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.studies.definition import load
 from freemesh_ray.studies.plan import variant_plan
 from freemesh_ray.studies.runner import planned

@@ -10,10 +10,10 @@ import pytest
 from mutants import mutants
 from recorded_study import algorithms
 
+from envs.errors import BAD_INPUT
 from freemesh_ray import config
 from freemesh_ray.cli import command as cli
 from freemesh_ray.config import ConfigError
-from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.report.results import read
 from freemesh_ray.studies import definition
 from freemesh_ray.studies.study_folder import StudyError, StudyFolder

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import yaml
 
+from envs.errors import BAD_INPUT
 from freemesh_ray.cli import command
 from freemesh_ray.config import ConfigError
-from freemesh_ray.errors import BAD_INPUT
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements, draw_settings
 from freemesh_ray.policies.evaluation import RETURN
