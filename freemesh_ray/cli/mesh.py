@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
+from freemesh_ray.export import FORMATS, MSH_VERSIONS
 
 if TYPE_CHECKING:
     from freemesh_ray.mesher.api import Mesh
@@ -40,8 +41,8 @@ def add(commands: Any) -> None:
     mesh = add_command(commands, "mesh", "mesh a polygon", DESCRIPTION, EPILOG)
     mesh.add_argument("domain", metavar="POLYGON")
     mesh.add_argument("-o", "--output", required=True, action="append", metavar="OUT",
-                      help="file to write: .inp .msh .vtu .bdf .obj (mesh), .png .svg (picture), .html (replay); "
-                      "repeatable")  # fmt: skip
+                      help=f"file to write: {', '.join(f'{suffix} ({one.name})' for suffix, one in FORMATS.items())}, "
+                      ".png, .svg (picture), .html (replay); repeatable")  # fmt: skip
     boundary = mesh.add_argument_group("boundary")
     boundary.add_argument("--edge-length", type=positive, metavar="L",
                           help="split the outline into pieces of about this length; corners stay "
@@ -61,7 +62,8 @@ def add(commands: Any) -> None:
     add_policy(quality, "the shipped one of that density")
     files = mesh.add_argument_group("files")
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
-    files.add_argument("--msh-version", choices=["4.1", "2.2"], default="4.1", help="of .msh files (4.1)")
+    files.add_argument("--msh-version", choices=MSH_VERSIONS, default=MSH_VERSIONS[0],
+                       help=f"of .msh files ({MSH_VERSIONS[0]})")  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:

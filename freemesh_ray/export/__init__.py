@@ -6,29 +6,27 @@ kept but in Nastran's fields of sixteen characters (see :mod:`freemesh_ray.expor
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from envs.mesh import Mesh
-from freemesh_ray.export import abaqus, gmsh, nastran, vtk, wavefront
-from freemesh_ray.export.finite_elements import FiniteElements, finite_elements
+from freemesh_ray.export.formats import FORMATS, MSH_VERSIONS, SUFFIXES
 from freemesh_ray.storage.atomic import OutputError, replacing
 
-__all__ = ["SUFFIXES", "write"]
+if TYPE_CHECKING:
+    from envs.mesh import Mesh
 
-#: What `write` can write.
-SUFFIXES = (".vtu", ".msh", ".inp", ".bdf", ".obj")
+__all__ = ["FORMATS", "MSH_VERSIONS", "SUFFIXES", "write"]
 
 
-def write(mesh: Mesh, path: str | Path, version: str = "4.1", quadratic: bool = False) -> None:
+def write(mesh: Mesh, path: str | Path, version: str = MSH_VERSIONS[0], quadratic: bool = False) -> None:
     """Write a mesh in the format that the extension names; the file is there as a whole or not at all.
 
     Args:
         mesh: vertices get z = 0; ``.vtu`` and ``.msh`` (4.1) carry the element quality as ``eta``. ``.msh``,
             ``.inp`` and ``.bdf`` name the boundary, and each loop of it where there are several.
         path: ending in one of `SUFFIXES`; missing folders are made.
-        version: of the Gmsh format, ``4.1`` or ``2.2``.
+        version: of the Gmsh format, one of `MSH_VERSIONS`.
         quadratic: elements of eight nodes: the corners, then one halfway along each side (not ``.obj``).
 
     Raises:
@@ -36,21 +34,19 @@ def write(mesh: Mesh, path: str | Path, version: str = "4.1", quadratic: bool = 
             place that cannot be written to.
     """
     path = Path(path)
-    writers: dict[str, Callable[[FiniteElements, Path], None]] = {
-        ".vtu": vtk.write,
-        ".msh": partial(gmsh.write, version=version),
-        ".inp": abaqus.write,
-        ".bdf": nastran.write,
-        ".obj": wavefront.write,
-    }
     suffix = path.suffix.lower()
-    if suffix not in writers:
-        raise OutputError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(writers)}")
-    if version not in gmsh.VERSIONS:
-        raise OutputError(f"{path}: unknown Gmsh version {version}: use one of {', '.join(gmsh.VERSIONS)}")
-    if quadratic and suffix == ".obj":
-        raise OutputError(f"{path}: .obj has no quadratic elements: write linear ones, or another format")
+    if suffix not in FORMATS:
+        raise OutputError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(FORMATS)}")
+    if version not in MSH_VERSIONS:
+        raise OutputError(f"{path}: unknown Gmsh version {version}: use one of {', '.join(MSH_VERSIONS)}")
+    format = FORMATS[suffix]
+    if quadratic and not format.quadratic:
+        raise OutputError(f"{path}: {suffix} has no quadratic elements: write linear ones, or another format")
     if not len(mesh.quads):
         raise OutputError(f"{path}: {mesh.name} has no elements: there is nothing to write")
+    from freemesh_ray.export.finite_elements import finite_elements  # the command's help needs no kernels
+
+    writer = import_module(f"freemesh_ray.export.{format.module}").write
+    versioned = {"version": version} if format.versions else {}
     with replacing(path) as draft:
-        writers[suffix](finite_elements(mesh, quadratic), draft)
+        writer(finite_elements(mesh, quadratic), draft, **versioned)

@@ -18,7 +18,6 @@ import numpy as np
 from envs.types import Floats, Ints
 from freemesh_ray.export.finite_elements import FiniteElements
 
-VERSIONS = ("4.1", "2.2")
 #: Gmsh's numbers for kinds of elements, by the number of their nodes.
 LINE, QUADRILATERAL = {2: 1, 3: 8}, {4: 3, 8: 16}
 #: The one surface; the loops are the curves 1, 2, ...

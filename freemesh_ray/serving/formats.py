@@ -15,19 +15,10 @@ from freemesh_ray.storage.atomic import OutputError
 
 JSON: Final = "json"
 
-#: Media types of files that are more than bytes to a client.
-_OF_FILES = {
-    ".inp": "text/plain; charset=us-ascii",
-    ".bdf": "text/plain; charset=us-ascii",
-    ".msh": "model/mesh",
-    ".obj": "model/obj",
-    ".vtu": "application/xml",
-}
-
-#: Media type of each format; all but JSON are suffixes of `export.SUFFIXES` without their dot.
+#: Media type of each format; all but JSON are those of `export.FORMATS` without their dot.
 MEDIA_TYPES = {
     JSON: "application/json",
-    **{suffix[1:]: _OF_FILES.get(suffix, "application/octet-stream") for suffix in export.SUFFIXES},
+    **{suffix[1:]: format.media_type for suffix, format in export.FORMATS.items()},
 }
 
 
