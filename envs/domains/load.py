@@ -1,4 +1,4 @@
-"""The front door of the domains: a catalogue name, a seed, a polygon file or a shape becomes a :class:`Domain`."""
+"""The front door: a catalogue name, a seed, a polygon file or a Python object becomes a :class:`Domain`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ import numpy as np
 
 from envs.domains import random_domain as generator
 from envs.domains import random_part
-from envs.domains.conforming import domains_of
 from envs.domains.random_domain import RandomDomains
-from envs.polygons.polygon import from_polygon, from_ring_with_seam, from_rings
+from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings
 from envs.readers import READERS, Polygons, read
 from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError, Floats
@@ -21,10 +20,10 @@ from envs.types import Domain, DomainError, Floats
 __all__ = [
     "RandomDomains",
     "catalogue",
+    "from_object",
     "from_polygon",
     "from_ring_with_seam",
     "from_rings",
-    "from_shape",
     "load",
     "load_all",
     "source",
@@ -92,8 +91,8 @@ def load_all(
     return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
 
 
-def from_shape(
-    shape: Any,
+def from_object(
+    polygon: Any,
     name: str = "polygon",
     *,
     fix_parity: bool = False,
@@ -103,7 +102,7 @@ def from_shape(
     """The domains of a polygon that a program holds, one for each polygon in it.
 
     Args:
-        shape: an (n, 2) array or a list of pairs (one ring, which may walk seams to its holes); a list of rings, the
+        polygon: an (n, 2) array or a list of pairs (one ring, which may walk seams to its holes); a list of rings, the
             outer one first; a list of such lists; a shapely Polygon, MultiPolygon or LinearRing, or a list of them; a
             GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
@@ -114,7 +113,7 @@ def from_shape(
     Raises:
         DomainError: an object that holds no polygon, or one that cannot be meshed.
     """
-    polygons = polygons_of(shape, name)
+    polygons = polygons_of(polygon, name)
     if not polygons:
         raise DomainError(f"{name}: no polygon in it; give at least one")
     return domains_of(polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading)

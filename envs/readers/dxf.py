@@ -81,7 +81,7 @@ def extent_of(strokes: Sequence[Stroke], entities: Sequence[Any], source: str) -
         DomainError: no strokes among the entities, or coordinates that are no places.
     """
     if not strokes:
-        found = ", ".join(f"{n} {kind}" for kind, n in Counter(e.dxftype() for e in entities).most_common(5))
+        found = ", ".join(f"{n} {name}" for name, n in Counter(e.dxftype() for e in entities).most_common(5))
         raise DomainError(
             f"{source}: no outline among its {len(entities)} entities ({found or 'it is empty'}); draw closed curves "
             f"of {', '.join(READ)} in the model space"
@@ -113,7 +113,7 @@ def drawing_of(path: Path) -> Any:
 
 
 def reason_of(error: Exception) -> str:
-    """An exception as part of a line."""
+    """An exception within a line."""
     return excerpt(str(error), 80) or type(error).__name__
 
 
@@ -151,24 +151,24 @@ def inserted(insert: Any) -> Iterator[Any]:
 
 def strokes_of(entity: Any) -> Iterator[Stroke]:
     """What an entity draws: one stroke, or none."""
-    kind = entity.dxftype()
-    if kind == "LINE":
+    entity_type = entity.dxftype()
+    if entity_type == "LINE":
         ends = np.array([entity.dxf.start, entity.dxf.end])[:, :2]
         yield Stroke(ends, lambda _: ends)
-    elif kind in ("ARC", "CIRCLE"):
+    elif entity_type in ("ARC", "CIRCLE"):
         yield from round_stroke(entity)
-    elif kind == "LWPOLYLINE":
+    elif entity_type == "LWPOLYLINE":
         rows = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
         yield from polyline_stroke(rows[:, :2], rows[:, 2], entity.closed, entity.ocs())
-    elif kind == "POLYLINE" and (entity.is_2d_polyline or entity.is_3d_polyline):
-        # The frame of a spline-fit polyline is no part of the curve.
+    elif entity_type == "POLYLINE" and (entity.is_2d_polyline or entity.is_3d_polyline):
+        # The frame of a spline-fit polyline does not belong to the curve.
         vertices = [vertex for vertex in entity.vertices if not vertex.dxf.flags & 16]
         points = np.array([vertex.dxf.location for vertex in vertices]).reshape(-1, 3)[:, :2]
         bulges = np.array([vertex.dxf.get("bulge", 0.0) for vertex in vertices])
         yield from polyline_stroke(points, bulges, entity.is_closed, entity.ocs() if entity.is_2d_polyline else None)
-    elif kind == "ELLIPSE":
+    elif entity_type == "ELLIPSE":
         yield from ellipse_stroke(entity)
-    elif kind == "SPLINE":
+    elif entity_type == "SPLINE":
         yield from spline_stroke(entity)
 
 
@@ -216,7 +216,7 @@ def polyline_stroke(points: Floats, bulges: Floats, closed: bool, ocs: Any) -> I
 
 
 def ellipse_stroke(entity: Any) -> Iterator[Stroke]:
-    """An ELLIPSE, whole or a part of one; it lies in the world's coordinates."""
+    """An ELLIPSE, whole or an arc of one; it lies in the world's coordinates."""
     centre, major, minor = (np.array(v)[:2] for v in (entity.dxf.center, entity.dxf.major_axis, entity.minor_axis))
     start = float(entity.dxf.start_param)
     sweep = (float(entity.dxf.end_param) - start) % (2 * np.pi)

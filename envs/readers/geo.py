@@ -19,6 +19,7 @@ import numpy as np
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
 from envs.polygons.rings import LARGEST_COORDINATE, check_count, extent
+from envs.polygons.turning import signed_angles
 from envs.readers.geo_script import Script, tokens
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
@@ -33,7 +34,7 @@ PASSED_OVER = frozenset((
 ))  # fmt: skip
 
 #: What curves are called, and the fewest points of each.
-KINDS = {"Line": 2, "Circle": 3, "Ellipse": 3, "Spline": 2, "BSpline": 2, "Bezier": 4}
+LEAST_POINTS = {"Line": 2, "Circle": 3, "Ellipse": 3, "Spline": 2, "BSpline": 2, "Bezier": 4}
 
 #: Control points of a Bezier curve at most: its degree is one less, and its points take time with the square of that.
 MOST_BEZIER = 50
@@ -46,9 +47,9 @@ PARALLEL = 1e-12
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve as the script states it: its kind, its points' tags, its line in the file."""
+    """A curve as the script states it: its name, its points' tags, its line in the file."""
 
-    kind: str
+    name: str
     points: list[int]
     line: int
 
@@ -155,10 +156,10 @@ def statement(script: Script, model: Model) -> None:
         if len(coordinates) < 2:
             raise script.fault("a point needs x, y and z; correct the statement")
         model.points[tag] = (coordinates[0] + 0.0, coordinates[1] + 0.0)
-    elif word in KINDS and second == "(":
+    elif word in LEAST_POINTS and second == "(":
         tag = tag_of(script)
         points = known(script, script.tags(), model.points, "point", signed=False)
-        least = KINDS[word]
+        least = LEAST_POINTS[word]
         if word == "Bezier" and len(points) > MOST_BEZIER:
             raise script.fault(f"a Bezier of {len(points)} points, at most {MOST_BEZIER} are possible; split the curve")
         if len(points) < least or (word == "Circle" and len(points) != 3):
@@ -265,13 +266,13 @@ def transfinite(script: Script, model: Model) -> None:
 def flattened(model: Model, curve: Curve, fineness: Flattening, source: str) -> Floats:
     """A curve as a (k, 2) polyline that starts and ends exactly at its end points."""
     given = np.array([model.points[tag] for tag in curve.points])
-    if curve.kind == "Line" or len(given) == 2:
+    if curve.name == "Line" or len(given) == 2:
         return given
-    if curve.kind == "Circle":
+    if curve.name == "Circle":
         return circle_arc(given, fineness, f"{source}: line {curve.line}")
-    if curve.kind == "Ellipse":
+    if curve.name == "Ellipse":
         return ellipse_arc(given, fineness, f"{source}: line {curve.line}")
-    return SPLINES[curve.kind](given, fineness)
+    return SPLINES[curve.name](given, fineness)
 
 
 def circle_arc(given: Floats, fineness: Flattening, where: str) -> Floats:
@@ -281,7 +282,7 @@ def circle_arc(given: Floats, fineness: Flattening, where: str) -> Floats:
     radius, other = np.linalg.norm(u), np.linalg.norm(v)
     if radius == 0.0 or abs(radius - other) > 1e-3 * radius:
         raise DomainError(f"{where}: an arc whose ends are {radius:g} and {other:g} from its centre; correct a point")
-    sweep = float(np.arctan2(u[0] * v[1] - u[1] * v[0], u @ v))
+    sweep = float(signed_angles(u, v))
     if abs(np.sin(sweep / 2.0)) < PARALLEL:
         raise DomainError(f"{where}: an arc that ends where it starts; split the circle into three or more")
     return curves.arc_between(start, end, sweep, fineness)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.domains.conforming import domains_of
+from envs.polygons.domain import domains_of
 from envs.polygons.rings import as_ring
 from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError
