@@ -13,8 +13,9 @@ from envs.domains import random_domain as generator
 from envs.domains import random_part
 from envs.domains.random_domain import RandomDomains
 from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings
-from envs.readers import READERS, Polygons, read
+from envs.readers.formats import BY_SUFFIX
 from envs.readers.python_objects import polygons_of
+from envs.readers.read import Polygons, read
 from envs.types import Domain, DomainError, Floats
 
 __all__ = [
@@ -75,7 +76,7 @@ def load_all(
 
     Args:
         spec: a catalogue name in any case (``T1``), a seed (``random:7``, ``random:7?spikiness=0.5&holes=1``,
-            ``part:7``), or the path of a polygon file (the extensions are those of :data:`envs.readers.READERS`).
+            ``part:7``), or the path of a polygon file (:mod:`envs.readers.formats`).
         fix_parity: split the longest segment at its midpoint when a polygon's number of vertices is odd.
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
@@ -157,5 +158,5 @@ def unknown_name(text: str) -> str:
     meant = f"did you mean {near[0]}? " if near else ""
     return (
         f"{text!r}: no domain of this name; {meant}The catalogue has {', '.join(names)}; random:SEED draws one, and a "
-        f"file ends in {', '.join(READERS)}"
+        f"file ends in {', '.join(BY_SUFFIX)}"
     )

@@ -54,7 +54,7 @@ class Stroke:
     given: bool = True
 
 
-def polygons_of_dxf(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every polygon in a DXF drawing; loops inside loops are holes.
 
     Raises:

@@ -83,7 +83,7 @@ class Model:
     counts: dict[int, tuple[int, float]] = field(default_factory=dict)
 
 
-def polygons_of_geo(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every plane surface in a Gmsh script."""
     source = str(path)
     model = model_of(text_of(path), source)

@@ -97,7 +97,7 @@ class Mesh:
     surfaces: list[Ints] = field(default_factory=list)
 
 
-def polygons_of_msh(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every surface in a mesh.
 
     Raises:

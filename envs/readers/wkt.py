@@ -19,7 +19,7 @@ OTHERS = (
 )  # fmt: skip
 
 
-def polygons_of_wkt(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every polygon in a WKT file."""
     source, text = str(path), text_of(path).strip()
     fix = "give POLYGON ((x y, x y, ...)), closed"
