@@ -58,7 +58,8 @@ def load(
     """
     polygons, name, source = given(spec, edge_length)
     if len(polygons) != 1:
-        raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; keep one in each file")
+        fix = "keep one in each file" if polygons else "give one"
+        raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; {fix}")
     return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)[0]
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.polygons.rings import MOST_VERTICES
+from envs.polygons.rings import EDGE_LENGTH, MOST_VERTICES
 from envs.polygons.turning import signed_angles
 from envs.types import DomainError, Floats
 
@@ -79,7 +79,7 @@ def check_chords(chords: float) -> None:
         ChordsError: there would be.
     """
     if chords > MOST_VERTICES:
-        raise ChordsError(f"curves of more than {MOST_VERTICES:,} chords; simplify them, or use a larger edge length")
+        raise ChordsError(f"curves of more than {MOST_VERTICES:,} chords; simplify them, or use a larger {EDGE_LENGTH}")
 
 
 def chords_of_arc(radius: float, sweep: float, fineness: Flattening) -> int:

@@ -14,7 +14,7 @@ import shapely
 
 from envs.polygons.boundary import Boundary, Chain, boundary
 from envs.polygons.parity import made_even
-from envs.polygons.rings import HOLE_LEAST, OUTER_LEAST, check_count, extent
+from envs.polygons.rings import EDGE_LENGTH, HOLE_LEAST, OUTER_LEAST, check_count, extent
 from envs.polygons.sizing import Sizes, least_pieces, sizes
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
 
@@ -48,14 +48,14 @@ def discretised(
     else:
         # Sizes above the edge length do not occur, so this is the least that is possible.
         perimeter = sum(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum() for rings in polygons for r in rings)
-        check_count(perimeter / edge_length, source, "use a larger edge length")
+        check_count(perimeter / edge_length, source, f"use a larger {EDGE_LENGTH}")
         graph = boundary(conforming(polygons), coarse=edge_length)
         wanted = sizes(graph, edge_length, grading)
         counts = counts_of(graph, wanted, source)
     even_counts(graph, wanted, counts, source)
     for polygon in graph.rings:
         total = int(sum(counts[use.chain] for ring in polygon for use in ring))
-        check_count(total, source, "use a larger edge length", holes=len(polygon) > 1)
+        check_count(total, source, f"use a larger {EDGE_LENGTH}", holes=len(polygon) > 1)
     vertices = [
         placed(chain, size, int(count)) for chain, size, count in zip(graph.chains, wanted, counts, strict=True)
     ]
@@ -99,7 +99,7 @@ def counts_of(graph: Boundary, wanted: Sequence[Sizes], source: str) -> Ints:
     """(chains,) segments of each chain: its integral of ds / h, rounded, but enough for its turns and for its rings."""
     measures = np.array([size.measures[-1] for size in wanted])
     used = np.bincount([use.chain for polygon in graph.rings for ring in polygon for use in ring])
-    check_count(float(measures @ used), source, "use a larger edge length")
+    check_count(float(measures @ used), source, f"use a larger {EDGE_LENGTH}")
     counts = np.maximum(np.round(measures).astype(np.int64), [least_pieces(chain) for chain in graph.chains])
     for polygon in graph.rings:
         for r, ring in enumerate(polygon):

@@ -21,6 +21,7 @@ from envs.polygons import ring_with_seams, seam
 from envs.polygons.discretisation import discretised
 from envs.polygons.parity import with_even_count
 from envs.polygons.rings import (
+    EDGE_LENGTH,
     OUTER_LEAST,
     as_ring,
     check_count,
@@ -112,8 +113,8 @@ def checked_again(rings: list[Floats], source: str, edge_length: float | None) -
     except DomainError as error:
         told = str(error).removeprefix(f"{source}: ").partition(";")[0]
         raise DomainError(
-            f"{source}: with edge length {edge_length:g} the boundary is too coarse: {told}; use a smaller edge length "
-            "(--edge-length, edge_length= in Python)"
+            f"{source}: with edge length {edge_length:g} the boundary is too coarse: {told}; use a smaller "
+            f"{EDGE_LENGTH}"
         ) from None
 
 

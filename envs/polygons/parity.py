@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from envs.polygons.rings import FIX_PARITY
 from envs.types import DomainError, Floats
 
 #: What lies beyond a chain that one polygon uses.
@@ -103,5 +104,5 @@ def odd_message(source: str, total: int) -> str:
     """The line that explains an odd ring and offers the fix."""
     return (
         f"{source}: {total} boundary vertices in all, an odd number, so no mesh of quadrilaterals alone exists; "
-        "use --fix-parity (split the longest segment) or add or remove one vertex"
+        f"use {FIX_PARITY}, which splits the longest segment, or add or remove one vertex"
     )

@@ -98,8 +98,8 @@ def check_pinches(source: str, ring: Floats, walk: Ints, seam: np.ndarray) -> No
     _, first_walked = np.unique(np.stack([walk, ahead], axis=1), axis=0, return_index=True)
     for i in np.setdiff1d(np.arange(len(walk)), first_walked)[:1]:
         raise DomainError(
-            f"{source}: outer ring, segment {i} from {place(ring[i])} is walked twice in one direction; a seam is "
-            "walked once in each: remove one of the two"
+            f"{source}: outer ring, segment {i} from {place(ring[i])} is walked twice in one direction, a seam "
+            "walked once in each; remove one of the two"
         )
 
 

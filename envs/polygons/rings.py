@@ -6,9 +6,11 @@ Everything within ``RELATIVE_TOLERANCE`` of the domain's diameter counts as touc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import reprlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -30,6 +32,9 @@ OUTER_LEAST, HOLE_LEAST = 4, 3
 
 #: Pairs that a search for what lies near looks at in one go: a scribble of n segments has n^2 / 2 of them.
 PAIRS_AT_ONCE = 30_000_000
+
+#: What messages call the options that help, on the command line and in Python.
+EDGE_LENGTH, FIX_PARITY = "--edge-length (edge_length= in Python)", "--fix-parity (fix_parity=True in Python)"
 
 #: Coordinates beyond this, or domains smaller than its inverse, would overflow when squared or multiplied.
 LARGEST_COORDINATE = 1e100
@@ -168,14 +173,13 @@ def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int =
             raise TypeError("not numbers")
         ring = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
+        where += first_broken(coordinates)
         raise DomainError(f"{where}: not a list of [x, y] pairs of numbers; give every vertex as [x, y]") from None
     if ring.size == 0:
         raise DomainError(f"{where}: no vertices; give at least 4 [x, y] pairs")
     if ring.ndim != 2 or ring.shape[1] != 2:
         raise DomainError(f"{where}: shape {ring.shape} where (n, 2) is needed; give every vertex as [x, y]")
-    for i in np.flatnonzero(~(np.abs(ring) <= LARGEST_COORDINATE).all(axis=1))[:1]:
-        what = "too large" if np.isfinite(ring[i]).all() else "not finite (NaN or infinity)"
-        raise DomainError(f"{where}, vertex {i} at {place(ring[i])}: coordinate {what}; correct or remove the vertex")
+    check_coordinates(ring, source, lambda i: f"{ring_name(index)}, vertex {i}")
     # -0.0 and 0.0 are one place: adding zero makes them one number too.
     ring = ring + 0.0
     tolerance = RELATIVE_TOLERANCE * extent(ring)
@@ -190,6 +194,25 @@ def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int =
     return ring
 
 
+def check_coordinates(points: Floats, source: str, name: Callable[[int], str] = lambda _: "a point") -> None:
+    """Refuse (n, 2 or 3) points not finite or beyond ``LARGEST_COORDINATE``; the name tells which row it is."""
+    for i in np.flatnonzero(~(np.abs(points) <= LARGEST_COORDINATE).all(axis=1))[:1]:
+        what = "too large" if np.isfinite(points[i]).all() else "not finite (NaN or infinity)"
+        raise DomainError(f"{source}: {name(i)} at {place(points[i])}: coordinate {what}; correct or remove it")
+
+
+def first_broken(coordinates: Any) -> str:
+    """What a message says of the first vertex that is no pair of numbers; nothing when there are no vertices."""
+    if not isinstance(coordinates, list | tuple):
+        return ""
+    for i, vertex in enumerate(coordinates):
+        if not isinstance(vertex, list | tuple | np.ndarray) or not all(is_number(type(value)) for value in vertex):
+            return f", vertex {i} {reprlib.repr(vertex)}"
+        if len(vertex) != 2:
+            return f", vertex {i} of {len(vertex)} numbers"
+    return ""
+
+
 def check_least(vertices: int, source: str, index: int = 0, least: int = OUTER_LEAST) -> None:
     """Refuse a ring of too few vertices: an outer one of less than ``least``, a hole of less than ``HOLE_LEAST``."""
     least = HOLE_LEAST if index else least
@@ -197,7 +220,7 @@ def check_least(vertices: int, source: str, index: int = 0, least: int = OUTER_L
         return
     fix = "add vertices or remove the hole" if index else "add vertices"
     if vertices == OUTER_LEAST - 1 and not index:
-        fix = "use --edge-length (edge_length= in Python), which splits its sides, or add a vertex"
+        fix = f"use {EDGE_LENGTH}, which splits its sides, or add a vertex"
     raise DomainError(f"{source}: {ring_name(index)}: {vertices} vertices, at least {least} are needed; {fix}")
 
 

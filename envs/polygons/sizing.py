@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.polygons.boundary import Boundary, Chain
+from envs.polygons.rings import EDGE_LENGTH
 from envs.types import DomainError, Floats
 
 #: A graded segment is about this times as long as its smaller neighbour.
@@ -133,8 +134,10 @@ def check_sizes(edge_length: float | None, grading: float, source: str) -> None:
         DomainError: an edge length that is not positive, a grading out of its range or without an edge length.
     """
     if edge_length is not None and not 0.0 < edge_length < np.inf:
-        raise DomainError(f"{source}: edge length {edge_length!r}; give a positive number in the polygon's units")
+        raise DomainError(
+            f"{source}: edge length {edge_length!r}; give --edge-length a positive number in the polygon's units"
+        )
     if not 1.0 <= grading <= MOST_GRADING:
-        raise DomainError(f"{source}: grading {grading!r}; give a ratio from 1 (even) to {MOST_GRADING:g}")
+        raise DomainError(f"{source}: grading {grading!r}; give --grading a ratio from 1 (even) to {MOST_GRADING:g}")
     if edge_length is None and grading != 1.0:
-        raise DomainError(f"{source}: grading {grading:g} without an edge length; give --edge-length too")
+        raise DomainError(f"{source}: grading {grading:g} without an edge length; give {EDGE_LENGTH} too")

@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
-from envs.polygons.rings import LARGEST_COORDINATE, check_count, extent
+from envs.polygons.rings import LARGEST_COORDINATE, check_coordinates, check_count, extent
 from envs.readers.loops import faces, joined
 from envs.readers.nesting import nested
 from envs.readers.source import excerpt
@@ -70,7 +70,7 @@ def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[
     except DomainError:
         raise
     except Exception as error:  # what a broken entity makes ezdxf raise is not documented
-        raise DomainError(f"{source}: not a valid DXF drawing ({reason_of(error)}); save it again") from None
+        raise broken(source, error) from None
     return nested(loops_of(pieces, size, source), source)
 
 
@@ -87,8 +87,7 @@ def extent_of(strokes: Sequence[Stroke], entities: Sequence[Any], source: str) -
             f"of {', '.join(READ)} in the model space"
         )
     hull = np.concatenate([stroke.hull for stroke in strokes])
-    if not (np.abs(hull) <= LARGEST_COORDINATE).all():
-        raise DomainError(f"{source}: a coordinate is not finite or too large; correct the drawing")
+    check_coordinates(hull, source)
     return extent(hull)
 
 
@@ -98,7 +97,7 @@ def drawing_of(path: Path) -> Any:
         import ezdxf
         from ezdxf import recover
     except ImportError:
-        raise DomainError(f"{path}: DXF needs ezdxf; pip install ezdxf") from None
+        raise DomainError(f"{path}: DXF needs ezdxf; use pip install ezdxf") from None
     # Its warnings about what it repaired would go to the terminal.
     logger = logging.getLogger("ezdxf")
     if not logger.handlers:
@@ -109,12 +108,13 @@ def drawing_of(path: Path) -> Any:
         except (ezdxf.DXFError, ValueError):  # type: ignore[attr-defined]
             return recover.readfile(path)[0]
     except Exception as error:  # nor what a broken file does
-        raise DomainError(f"{path}: not a valid DXF drawing ({reason_of(error)}); save it again") from None
+        raise broken(path, error) from None
 
 
-def reason_of(error: Exception) -> str:
-    """An exception within a line."""
-    return excerpt(str(error), 80) or type(error).__name__
+def broken(source: str | Path, error: Exception) -> DomainError:
+    """What to raise for a drawing that cannot be read."""
+    reason = excerpt(str(error), 80) or type(error).__name__
+    return DomainError(f"{source}: not a valid DXF drawing ({reason}); save it again as DXF R2000 or later")
 
 
 def visible(drawing: Any, source: str) -> Iterator[Any]:
@@ -134,7 +134,8 @@ def visible(drawing: Any, source: str) -> Iterator[Any]:
         blocks += max(1, entity.mcount) if inserting else 0
         if taken > MOST_ENTITIES or blocks > MOST_BLOCKS:
             raise DomainError(
-                f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; simplify it"
+                f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; "
+                "remove what is no outline"
             )
         if inserting:
             waiting.append(inserted(entity))
@@ -265,8 +266,7 @@ def flattened(strokes: Sequence[Stroke], fineness: Flattening, source: str) -> I
         points = stroke.flattened(fineness)
         total += len(points)
         check_count(total, source)
-        if not np.isfinite(points).all():
-            raise DomainError(f"{source}: a coordinate is not finite or too large; correct the drawing")
+        check_coordinates(points, source)
         yield points
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
-from envs.polygons.rings import LARGEST_COORDINATE, check_count, extent
+from envs.polygons.rings import EDGE_LENGTH, check_coordinates, check_count, extent
 from envs.polygons.turning import signed_angles
 from envs.readers.geo_script import Script, tokens
 from envs.readers.loops import faces
@@ -89,9 +89,9 @@ def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[
     model = model_of(text_of(path), source)
     if not model.curves:
         raise DomainError(f"{source}: no curves; give Point, Line and Plane Surface statements")
-    used = np.array([model.points[p] for curve in model.curves.values() for p in curve.points])
-    if not (np.abs(used) <= LARGEST_COORDINATE).all():
-        raise DomainError(f"{source}: a coordinate is not finite or too large; correct the points")
+    tags = list(dict.fromkeys(tag for curve in model.curves.values() for tag in curve.points))
+    used = np.array([model.points[tag] for tag in tags])
+    check_coordinates(used, source, lambda i: f"point {tags[i]}")
     fineness = curves.flattening(extent(used), edge_length)
     flat: dict[int, Floats] = {}
     total = 0
@@ -138,7 +138,7 @@ def statement(script: Script, model: Model) -> None:
     token = script.take()
     word, second = token.text, script.next.text
     if token.kind != "name":
-        raise script.fault(f"{word[:40]!r} where a statement is needed; correct it", line)
+        raise script.fault(f"{word[:40]!r} where a statement is needed; correct the statement", line)
     if (word, second) in (("Line", "Loop"), ("Curve", "Loop")):
         script.take()
         tag = tag_of(script)
@@ -208,7 +208,7 @@ def assignment(script: Script, name: str) -> None:
     value = script.number()
     if operator != "=":
         if name not in script.variables:
-            raise script.fault(f"{name[:40]!r} is not set before; set it")
+            raise script.fault(f"{name[:40]!r} is not set before; give it a value first")
         before = script.variables[name]
         if operator == "/=" and value == 0.0:
             raise script.fault("a division by zero; correct the expression")
@@ -256,7 +256,7 @@ def transfinite(script: Script, model: Model) -> None:
         law = script.take().text
         ratio = script.number()
         if law != "Progression" or not 1e-3 <= ratio <= 1e3:
-            raise script.fault(f"points by {law[:20]} {ratio:g} are not understood; use Progression, or an edge length")
+            raise script.fault(f"points by {law[:20]} {ratio:g} are not understood; use Progression or {EDGE_LENGTH}")
     script.expect(";")
     for tag in tags:
         # Against a curve's direction the sizes shrink by what they grow by along it.
@@ -395,5 +395,7 @@ def ring_of(model: Model, flat: dict[int, Floats], loop: int, source: str) -> Fl
         pieces.append(flat[tag][:-1] if node == first else flat[tag][:0:-1])
         node = last if node == first else first
     if node != start:
-        raise DomainError(f"{source}: loop {loop} ends at point {node} and not at point {start}, its start; close it")
+        raise DomainError(
+            f"{source}: loop {loop} ends at point {node} and not at point {start}, its start; add the curve between"
+        )
     return np.concatenate(pieces)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.polygons.rings import LARGEST_COORDINATE, check_rings, extent
+from envs.polygons.rings import check_coordinates, check_rings, extent
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
 from envs.readers.source import excerpt
@@ -113,8 +113,7 @@ def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[
     used = np.concatenate([np.unique(block) for block in (*mesh.lines, *mesh.corners)] or [np.empty(0, np.int64)])
     if not len(used):
         raise DomainError(f"{source}: no line and no surface elements; save the boundary with the mesh")
-    if not (np.abs(mesh.points[used]) <= LARGEST_COORDINATE).all():
-        raise DomainError(f"{source}: a coordinate is not finite or too large; correct the nodes")
+    check_coordinates(mesh.points[used], source, lambda _: "a node")
     heights = mesh.points[used, 2]
     if np.ptp(heights) > FLAT * extent(mesh.points[used, :2]):
         raise DomainError(

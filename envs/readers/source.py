@@ -50,5 +50,5 @@ def text_of(path: Path) -> str:
     except OSError as error:
         raise DomainError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
     if not text.strip():
-        raise DomainError(f"{path}: the file is empty; give a polygon")
+        raise DomainError(f"{path}: the file is empty; write a polygon into it")
     return text

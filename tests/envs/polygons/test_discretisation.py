@@ -126,7 +126,7 @@ def test_outlines_that_are_too_coarse_or_too_fine_are_refused() -> None:
     ):
         from_object([outer, hole], edge_length=1.0)
     with pytest.raises(
-        DomainError, match=r"polygon: 18,800,000 vertices, at most 1,000,000 are possible; use a larger edge"
+        DomainError, match=r"polygon: 18,800,000 vertices, at most 1,000,000 are possible; use a larger --edge"
     ):
         from_object(L_SHAPE, edge_length=1e-6)
 
@@ -139,10 +139,10 @@ def test_holes_allow_fewer_vertices() -> None:
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"edge_length": 0.0}, "edge length 0.0; give a positive number"),
-    ({"edge_length": -1.0}, "edge length -1.0; give a positive"),
+    ({"edge_length": 0.0}, "edge length 0.0; give --edge-length a positive number"),
+    ({"edge_length": -1.0}, "edge length -1.0; give --edge-length"),
     ({"edge_length": float("nan")}, "edge length nan"),
-    ({"edge_length": 1.0, "grading": 0.5}, "grading 0.5; give a ratio from 1"),
+    ({"edge_length": 1.0, "grading": 0.5}, "grading 0.5; give --grading a ratio from 1"),
     ({"edge_length": 1.0, "grading": float("nan")}, "grading nan"),
     ({"grading": 2.0}, "grading 2 without an edge length"),
 ])  # fmt: skip
