@@ -103,7 +103,8 @@ def open_message(pieces: Sequence[Floats], ends: Ints, piece: int, side: int, me
         return f"{line}; close the outline"
     gaps = np.linalg.norm(tips - here, axis=1)
     nearest = int(np.argmin(gaps))
-    return f"{line}, the nearest open end is {gaps[nearest]:.3g} away at {place(tips[nearest])}; close the gap, or remove the curve"
+    line = f"{line}, the nearest open end is {gaps[nearest]:.3g} away at {place(tips[nearest])}"
+    return f"{line}; close the gap, or remove the curve"
 
 
 def joined(pieces: Sequence[Floats], tolerance: float, source: str) -> tuple[list[Floats], Ints]:

@@ -139,7 +139,7 @@ FILES: dict[str, tuple[str, str, str]] = {
     "name.geo": ("a = b;", "line 1: 'b'", "set it before"),
     "root.geo": ("a = Sqrt(-1);", "line 1: cannot be worked out", "correct the expression"),
     "chords.geo": (WINDING, "curves of more than 1,000,000 chords", EDGE),
-    "loose.geo": (POINTS + LINES.replace("Line(4)={4,1};", ""), "ends at (0.0, 0.0)", "close the gap, or remove the curve"),
+    "loose.geo": (POINTS + LINES.replace("Line(4)={4,1};", ""), "ends at (0.0, 0.0)", "close the gap"),
     "tail.geo": (POINTS + LINES + "Point(5)={9,9,0};Line(5)={3,5};", "ends at (9.0, 9.0)", "close the outline"),
     "bridge.geo": (POINTS + LINES + "Point(5)={5,0,0};Point(6)={6,0,0};Point(7)={6,1,0};Line(5)={2,5};Line(6)={5,6};"
                    "Line(7)={6,7};Line(8)={7,5};", "from (1.0, 0.0) to (5.0, 0.0)", "remove it, or split"),
