@@ -76,6 +76,24 @@ def test_sides_are_split_evenly_and_corners_stay(
     assert added == wanted % 2
 
 
+@given(seed=st.integers(0, 1000), n=st.integers(4, 12), share=st.floats(0.1, 0.9))
+def test_an_odd_total_gets_its_vertex_where_sizes_change_least(seed: int, n: int, share: float) -> None:
+    ring = star(seed, n)
+    pieces = lengths(ring) / (share * lengths(ring).min())
+    ((vertices,),) = discretised([[ring]], "star", edge_length=share * lengths(ring).min())
+    added = np.array([len(side) - 1 for side in sides(ring, vertices)]) - np.round(pieces)
+    changes = np.abs(np.log(pieces / (np.round(pieces) + 1)))
+    assert changes[added > 0] == pytest.approx(changes.min() if added.any() else [])
+
+
+@pytest.mark.parametrize("sweep", [0.8, 1.2, 1.5])
+def test_a_coarse_ring_spends_its_vertices_on_what_is_bent(sweep: float) -> None:
+    t = np.linspace(0.0, sweep, 100)
+    vertices = from_object(np.stack([np.cos(t), np.sin(t)], axis=1), edge_length=0.9 * np.sin(sweep / 2) * 2)[0].points
+    assert len(vertices) == 4
+    np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1.0, atol=1e-3, err_msg="none on the chord")
+
+
 @pytest.mark.parametrize("edge_length", [0.03, 0.1, 0.37])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_fine_smooth_outlines_are_resampled(edge_length: float, scale: float) -> None:
