@@ -1,4 +1,4 @@
-"""The front door of the domains: a catalogue name, a seed, a polygon file or a shape becomes a :class:`Domain`."""
+"""The front door: a catalogue name, a seed, a polygon file or a Python object becomes a :class:`Domain`."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 
 from envs.domains import random_domain, random_part
-from envs.domains.conforming import domains_of
 from envs.domains.random_domain import RandomDomains
-from envs.polygons.polygon import from_polygon, from_ring_with_seam, from_rings
-from envs.readers import READERS, Polygons, read
+from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings
+from envs.readers.formats import BY_SUFFIX
 from envs.readers.python_objects import polygons_of
+from envs.readers.read import Polygons, read
 from envs.types import Domain, DomainError, Floats
 
 __all__ = [
     "RandomDomains",
     "catalogue",
+    "from_object",
     "from_polygon",
     "from_ring_with_seam",
     "from_rings",
-    "from_shape",
     "load",
     "load_all",
     "source",
@@ -57,7 +57,8 @@ def load(
     """
     polygons, name, source = given(spec, edge_length)
     if len(polygons) != 1:
-        raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; keep one in each file")
+        fix = "keep one in each file" if polygons else "give one"
+        raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; {fix}")
     return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)[0]
 
 
@@ -75,7 +76,7 @@ def load_all(
 
     Args:
         spec: a catalogue name in any case (``T1``), a seed (``random-7``, ``random-7_spikiness=0.5_holes=1``,
-            ``part-7``), or the path of a polygon file (the extensions are those of :data:`envs.readers.READERS`).
+            ``part-7``), or the path of a polygon file (the extensions are those of :mod:`envs.readers.formats`).
         fix_parity: split the longest segment at its midpoint when a polygon's number of vertices is odd.
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
@@ -91,8 +92,8 @@ def load_all(
     return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
 
 
-def from_shape(
-    shape: Any,
+def from_object(
+    polygon: Any,
     name: str = "polygon",
     *,
     fix_parity: bool = False,
@@ -102,7 +103,7 @@ def from_shape(
     """The domains of a polygon that a program holds, one for each polygon in it.
 
     Args:
-        shape: an (n, 2) array or a list of pairs (one ring, which may walk seams to its holes); a list of rings, the
+        polygon: an (n, 2) array or a list of pairs (one ring, which may walk seams to its holes); a list of rings, the
             outer one first; a list of such lists; a shapely Polygon, MultiPolygon or LinearRing, or a list of them; a
             GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
@@ -113,7 +114,7 @@ def from_shape(
     Raises:
         DomainError: an object that holds no polygon, or one that cannot be meshed.
     """
-    polygons = polygons_of(shape, name)
+    polygons = polygons_of(polygon, name)
     if not polygons:
         raise DomainError(f"{name}: no polygon in it; give at least one")
     return domains_of(polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
@@ -155,5 +156,5 @@ def unknown_name(text: str) -> str:
     meant = f"did you mean {near[0]}? " if near else ""
     return (
         f"{text!r}: no domain of this name; {meant}The catalogue has {', '.join(names)}; random-SEED draws one, and a "
-        f"file ends in {', '.join(READERS)}"
+        f"file ends in {', '.join(BY_SUFFIX)}"
     )

@@ -61,19 +61,19 @@ def plate(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
         x, y = rng.uniform(-0.4, 0.4, 2)
         tilt = rng.choice([0.0, 90.0]) + (rng.uniform(-40.0, 40.0) if rng.random() < 0.5 * spikiness else 0.0)
         pieces.append(affinity.rotate(shapely.box(x - width / 2, y - height / 2, x + width / 2, y + height / 2), tilt))
-    shape = shapely.union_all(pieces)
+    polygon = shapely.union_all(pieces)
     if rng.random() < 0.6 * (1.0 - spikiness):
         r = rng.uniform(0.05, 0.12)
         # Opened and closed by a disc: every corner becomes an arc.
-        shape = shape.buffer(-r, quad_segs=24).buffer(2 * r, quad_segs=24).buffer(-r, quad_segs=24)
-    return exterior(shape)
+        polygon = polygon.buffer(-r, quad_segs=24).buffer(2 * r, quad_segs=24).buffer(-r, quad_segs=24)
+    return exterior(polygon)
 
 
 def notched(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
     """A disc or a rectangle with wedges and slots cut in from outside."""
     height = rng.uniform(0.6, 1.0)
     disc = affinity.scale(shapely.Point(0.0, 0.0).buffer(1.0, quad_segs=90), 1.0, height)
-    shape = disc if rng.random() < 0.5 else shapely.box(-1.0, -height, 1.0, height)
+    polygon = disc if rng.random() < 0.5 else shapely.box(-1.0, -height, 1.0, height)
     cuts = int(rng.integers(1, 2 + min(detail, 4)))
     for angle in 2 * np.pi * (np.arange(cuts) + rng.uniform(-0.2, 0.2, cuts)) / cuts:
         depth = height * rng.uniform(0.3, 0.4 + 0.4 * spikiness)
@@ -83,8 +83,8 @@ def notched(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
             [(1.6, -1.6 * mouth), (1.6, 1.6 * mouth), (1.0 - depth, floor / 2), (1.0 - depth, -floor / 2)]
         )
         placed = affinity.rotate(wedge if wedge.is_valid else wedge.convex_hull, np.degrees(angle), origin=(0.0, 0.0))
-        shape = shape.difference(affinity.scale(placed, 1.0, height, origin=(0.0, 0.0)))
-    return exterior(shape)
+        polygon = polygon.difference(affinity.scale(placed, 1.0, height, origin=(0.0, 0.0)))
+    return exterior(polygon)
 
 
 def strip(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
@@ -123,12 +123,12 @@ def chain(rng: np.random.Generator, spikiness: float, detail: int) -> Floats:
     return exterior(shapely.union_all(pieces))
 
 
-def exterior(shape: shapely.Geometry) -> Floats:
-    """The outer ring of a shape's largest part as a fine counter-clockwise polyline, (m, 2).
+def exterior(geometry: shapely.Geometry) -> Floats:
+    """The outer ring of the largest polygon of a geometry as a fine counter-clockwise polyline, (m, 2).
 
     A ring that crosses itself has no such outline; it comes back as it is, and the domain's checks refuse it.
     """
-    largest = max(getattr(shape, "geoms", [shape]), key=lambda part: part.area)
+    largest = max(getattr(geometry, "geoms", [geometry]), key=lambda polygon: polygon.area)
     ring = shapely.get_coordinates(shapely.orient_polygons(largest).exterior)[:-1]
     gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     ring = ring[gaps > 1e-7]

@@ -1,4 +1,4 @@
-"""Families of machine parts: each draws a shape of about unit size, with or without holes, from a generator.
+"""Families of machine parts: each draws a polygon of about unit size, with or without holes, from a generator.
 
 They are for measuring: none repeats a family of :mod:`envs.domains.outline_families`, which are for training.
 """
@@ -24,10 +24,10 @@ def star(rng: np.random.Generator) -> shapely.Polygon:
     tips = int(rng.integers(4, 11))
     valley = rng.uniform(0.5, 0.82) * np.cos(np.pi / tips)  # 1 would be a convex polygon
     radii = np.where(np.arange(2 * tips) % 2, valley, 1.0)
-    shape = shapely.Polygon(polar(radii, np.pi * np.arange(2 * tips) / tips))
+    polygon = shapely.Polygon(polar(radii, np.pi * np.arange(2 * tips) / tips))
     if rng.random() < 0.4:
-        shape = rounded(shape, rng.uniform(0.03, 0.06))
-    return shape.difference(disc(0.5 * valley)) if rng.random() < 0.35 else shape
+        polygon = rounded(polygon, rng.uniform(0.03, 0.06))
+    return polygon.difference(disc(0.5 * valley)) if rng.random() < 0.35 else polygon
 
 
 def comb(rng: np.random.Generator) -> shapely.Polygon:
@@ -58,11 +58,11 @@ def gear(rng: np.random.Generator) -> shapely.Polygon:
         for radius, low, high in ((1.0, -tip, tip), (root, foot, 1.0 - foot)):
             angles = pitch * (k + np.linspace(low, high, QUARTER // 4))
             corners.append(polar(np.full(len(angles), radius), angles))
-    shape = shapely.Polygon(np.concatenate(corners))
+    polygon = shapely.Polygon(np.concatenate(corners))
     if rng.random() < 0.5:
-        return shape
+        return polygon
     sides = int(rng.choice([4, 6, 4 * QUARTER]))
-    return shape.difference(affinity.scale(regular(sides), *2 * [root * rng.uniform(0.25, 0.5)]))
+    return polygon.difference(affinity.scale(regular(sides), *2 * [root * rng.uniform(0.25, 0.5)]))
 
 
 def spiral(rng: np.random.Generator) -> shapely.Polygon:
@@ -79,27 +79,27 @@ def spiral(rng: np.random.Generator) -> shapely.Polygon:
 def panel(rng: np.random.Generator) -> shapely.Polygon:
     """A rectangle, its corners sharp, rounded or cut, with bolt holes at the corners, a row of slots or a window."""
     width, height = 2.0, rng.uniform(0.8, 1.6)
-    shape = framed(rng, width, height)
-    kind = int(rng.integers(3))
-    if kind == 0:
+    polygon = framed(rng, width, height)
+    choice = int(rng.integers(3))
+    if choice == 0:
         inset, radius = 0.3, rng.uniform(0.07, 0.12)
         for x in (inset, width - inset):
             for y in (inset, height - inset):
-                shape = shape.difference(disc(radius, x, y))
+                polygon = polygon.difference(disc(radius, x, y))
         if height > 1.2:
-            shape = shape.difference(disc(rng.uniform(0.15, 0.25), width / 2, height / 2))
-    elif kind == 1:
+            polygon = polygon.difference(disc(rng.uniform(0.15, 0.25), width / 2, height / 2))
+    elif choice == 1:
         count = int(rng.integers(2, 4))
         long, wide = 0.5 * height, rng.uniform(0.1, 0.16)
         for k in range(count):
             x = width * (k + 0.5) / count
             slot = shapely.LineString([(x, 0.5 * (height - long) + wide), (x, 0.5 * (height + long) - wide)])
-            shape = shape.difference(slot.buffer(wide, quad_segs=QUARTER))
+            polygon = polygon.difference(slot.buffer(wide, quad_segs=QUARTER))
     else:
         rim = rng.uniform(0.2, 0.3)
         window = framed(rng, width - 2 * rim, height - 2 * rim)
-        shape = shape.difference(affinity.translate(window, rim, rim))
-    return shape
+        polygon = polygon.difference(affinity.translate(window, rim, rim))
+    return polygon
 
 
 def wedge(rng: np.random.Generator) -> shapely.Polygon:
@@ -108,14 +108,14 @@ def wedge(rng: np.random.Generator) -> shapely.Polygon:
     angles = np.linspace(0.0, span, max(24, round(4 * QUARTER * span / 6)))
     arc = polar(np.ones(len(angles)), angles)
     inside = inner * arc[::-1] if inner > 0 else np.zeros((1, 2))
-    shape = shapely.Polygon(np.concatenate([arc, inside]))
+    polygon = shapely.Polygon(np.concatenate([arc, inside]))
     if inner > 0 and rng.random() < 0.35:
         radius, middle = 0.5 * (1 - inner) * rng.uniform(0.35, 0.5), 0.5 * (1 + inner)
         count = min(4, int(span * middle / (5 * radius)))
         for k in range(count):
             angle = span * (k + 0.5) / count
-            shape = shape.difference(disc(radius, middle * np.cos(angle), middle * np.sin(angle)))
-    return shape
+            polygon = polygon.difference(disc(radius, middle * np.cos(angle), middle * np.sin(angle)))
+    return polygon
 
 
 def bracket(rng: np.random.Generator) -> shapely.Polygon:
@@ -143,32 +143,32 @@ def bracket(rng: np.random.Generator) -> shapely.Polygon:
         "+": [(w / 2, d), (w / 2, h - d), (d, h / 2), (w - d, h / 2)],
     }
     letter = str(rng.choice(list(bars)))
-    shape = shapely.union_all([shapely.box(*bar) for bar in bars[letter]])
+    polygon = shapely.union_all([shapely.box(*bar) for bar in bars[letter]])
     fillet = t * rng.uniform(0.3, 0.6)
-    shape = shape.buffer(fillet, join_style="mitre").buffer(-fillet, quad_segs=QUARTER)  # inner corners
+    polygon = polygon.buffer(fillet, join_style="mitre").buffer(-fillet, quad_segs=QUARTER)  # inner corners
     if rng.random() < 0.4:
-        shape = shape.buffer(-0.3 * t, join_style="mitre").buffer(0.3 * t, quad_segs=QUARTER)  # outer corners
+        polygon = polygon.buffer(-0.3 * t, join_style="mitre").buffer(0.3 * t, quad_segs=QUARTER)  # outer corners
     if rng.random() < 0.35:
         radius = t * rng.uniform(0.2, 0.25)
-        shape = shape.difference(shapely.union_all([disc(radius, x, y) for x, y in bolts[letter]]))
-    return shape
+        polygon = polygon.difference(shapely.union_all([disc(radius, x, y) for x, y in bolts[letter]]))
+    return polygon
 
 
 def flange(rng: np.random.Generator) -> shapely.Polygon:
     """A round or an eared flange, with a bore, or with a bolt circle."""
     bolts = int(rng.integers(3, 7))
     angles = 2 * np.pi * np.arange(bolts) / bolts
-    shape = disc(1.0)
+    polygon = disc(1.0)
     if rng.random() < 0.6:
         ears = [disc(0.22, x, y) for x, y in polar(np.full(bolts, 0.98), angles)]
-        shape = rounded(shapely.union_all([disc(0.85), *ears]), 0.08)
-    kind = int(rng.integers(3))
-    if kind > 0:
-        shape = shape.difference(disc(rng.uniform(0.3, 0.5)))
-    if kind > 1:
+        polygon = rounded(shapely.union_all([disc(0.85), *ears]), 0.08)
+    choice = int(rng.integers(3))
+    if choice > 0:
+        polygon = polygon.difference(disc(rng.uniform(0.3, 0.5)))
+    if choice > 1:
         for x, y in polar(np.full(bolts, 0.8), angles):
-            shape = shape.difference(disc(rng.uniform(0.09, 0.12), x, y))
-    return shape
+            polygon = polygon.difference(disc(rng.uniform(0.09, 0.12), x, y))
+    return polygon
 
 
 def link(rng: np.random.Generator) -> shapely.Polygon:
@@ -176,14 +176,14 @@ def link(rng: np.random.Generator) -> shapely.Polygon:
     big, small, length = rng.uniform(0.4, 0.55), rng.uniform(0.22, 0.4), rng.uniform(1.4, 2.2)
     eyes = shapely.union_all([disc(big), disc(small, length)])
     if rng.random() < 0.4:
-        shape = eyes.convex_hull
+        polygon = eyes.convex_hull
     else:
         waist = small * rng.uniform(0.5, 0.8)
-        shape = rounded(eyes.union(shapely.box(0.0, -waist, length, waist)), 0.12)
+        polygon = rounded(eyes.union(shapely.box(0.0, -waist, length, waist)), 0.12)
     if rng.random() < 0.35:
         bore = rng.uniform(0.4, 0.6)
-        shape = shape.difference(disc(bore * big)).difference(disc(bore * small, length))
-    return shape
+        polygon = polygon.difference(disc(bore * big)).difference(disc(bore * small, length))
+    return polygon
 
 
 def shaft(rng: np.random.Generator) -> shapely.Polygon:
@@ -192,15 +192,15 @@ def shaft(rng: np.random.Generator) -> shapely.Polygon:
     lengths = rng.uniform(0.3, 0.8, steps)
     radii = rng.uniform(0.18, 0.5, steps)
     x = np.concatenate([[0.0], np.cumsum(lengths)])
-    shape = shapely.union_all([shapely.box(a, -r, b, r) for a, b, r in zip(x[:-1], x[1:], radii, strict=True)])
+    polygon = shapely.union_all([shapely.box(a, -r, b, r) for a, b, r in zip(x[:-1], x[1:], radii, strict=True)])
     if rng.random() < 0.5:
         for end, radius, inwards in ((x[0], radii[0], 1.0), (x[-1], radii[-1], -1.0)):
             cut = 0.3 * radius
             for side in (-1.0, 1.0):
                 y = side * radius
                 chamfer = [(end, y), (end + inwards * cut, y), (end, y - side * cut)]
-                shape = shape.difference(shapely.Polygon(chamfer))
-    return shape
+                polygon = polygon.difference(shapely.Polygon(chamfer))
+    return polygon
 
 
 def disc(radius: float, x: float = 0.0, y: float = 0.0) -> shapely.Polygon:
@@ -218,10 +218,10 @@ def polar(radii: Floats, angles: Floats) -> Floats:
     return radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
-def rounded(shape: shapely.Polygon, radius: float) -> shapely.Polygon:
-    """The shape with all its corners, inner and outer, turned into arcs."""
+def rounded(polygon: shapely.Polygon, radius: float) -> shapely.Polygon:
+    """The polygon with all its corners, inner and outer, turned into arcs."""
     return (
-        shape.buffer(-radius, quad_segs=QUARTER)
+        polygon.buffer(-radius, quad_segs=QUARTER)
         .buffer(2 * radius, quad_segs=QUARTER)
         .buffer(-radius, quad_segs=QUARTER)
     )
@@ -230,10 +230,10 @@ def rounded(shape: shapely.Polygon, radius: float) -> shapely.Polygon:
 def framed(rng: np.random.Generator, width: float, height: float) -> shapely.Polygon:
     """A rectangle from the origin, its corners sharp, rounded or cut."""
     box, size = shapely.box(0.0, 0.0, width, height), 0.18 * min(width, height)
-    kind = int(rng.integers(3))
-    if kind == 0:
+    choice = int(rng.integers(3))
+    if choice == 0:
         return box
-    join = "round" if kind == 1 else "bevel"
+    join = "round" if choice == 1 else "bevel"
     return box.buffer(-size, join_style="mitre").buffer(size, quad_segs=QUARTER, join_style=join)
 
 

@@ -10,8 +10,9 @@ import numpy as np
 import shapely
 
 from envs.domains.outline_families import FAMILIES
+from envs.polygons.domain import from_rings
 from envs.polygons.outline import Spacing, corners, discretise, shares, wave
-from envs.polygons.polygon import from_rings
+from envs.polygons.turning import signed_angles
 from envs.types import Domain, DomainError, Floats
 
 #: What names of random domains begin with: ``random-7``, ``random-7_spikiness=0.5_holes=1``, ``random-held-out-3``.
@@ -20,7 +21,7 @@ PREFIX = "random-"
 SPEC = "random:"
 NAME = re.compile(r"random-(held-out-)?\d+(_[a-z]+=[^_]*)*", re.IGNORECASE)
 
-#: Shapes tried before the plain disc that always works.
+#: Outlines tried before the plain disc that always works.
 ATTEMPTS = 20
 
 #: Least distance of a vertex from the boundary across, over the local segment length.
@@ -132,25 +133,30 @@ def from_spec(spec: str) -> Domain:
     Raises:
         DomainError: no seed, an unknown key, or a value that is no number or out of its range.
     """
-    kinds: dict[str, Callable[[str], float]] = {"vertices": int, "spikiness": float, "holes": int, "unevenness": float}
+    parameters: dict[str, Callable[[str], float]] = {
+        "vertices": int,
+        "spikiness": float,
+        "holes": int,
+        "unevenness": float,
+    }
     head, *pairs = re.split("[?&_]", spec[len(PREFIX) :].lower())
     first = HELD_OUT if head.startswith(HELD_OUT_PREFIX) else 0
     given: dict[str, float] = {}
     for pair in filter(None, pairs):
         key, _, value = pair.partition("=")
-        if key not in kinds:
-            raise DomainError(f"{spec}: unknown parameter {key!r}; use {', '.join(kinds)}")
-        given[key] = number(spec, key, value, kinds[key])
+        if key not in parameters:
+            raise DomainError(f"{spec}: unknown parameter {key!r}; use {', '.join(parameters)}")
+        given[key] = number(spec, key, value, parameters[key])
     seed = int(number(spec, "seed", head.removeprefix(HELD_OUT_PREFIX), int))
     return random_domain(first + seed, **given)  # type: ignore[arg-type]
 
 
-def number(spec: str, key: str, value: str, kind: Callable[[str], float]) -> float:
+def number(spec: str, key: str, value: str, as_number: Callable[[str], float]) -> float:
     """A number out of a spec."""
     try:
-        return kind(value)
+        return as_number(value)
     except ValueError:
-        what = "a whole number" if kind is int else "a number"
+        what = "a whole number" if as_number is int else "a number"
         raise DomainError(
             f"{spec}: {key} = {value!r} is not {what}; write random-7_vertices=80_spikiness=0.5"
         ) from None
@@ -190,7 +196,7 @@ def drawn(
 
 
 def attempt(rng: np.random.Generator, wishes: Wishes, name: str) -> Domain | None:
-    """One random shape, or None when it does not give a good domain."""
+    """Random outlines as a domain, or None when it does not give a good domain."""
     family = FAMILIES[rng.integers(len(FAMILIES))]
     outer = family(rng, wishes.spikiness, max(2, wishes.vertices // 10))
     outer = turned(outer, rng.uniform(0.0, 2 * np.pi))
@@ -216,25 +222,25 @@ def turned(outline: Floats, angle: float) -> Floats:
 def random_holes(rng: np.random.Generator, outer: Floats, wishes: Wishes) -> list[Floats] | None:
     """Outlines of holes well apart from each other and from the outer one; None when they find no room."""
     # A rough copy is enough to find room in, and ten times as fast.
-    shape = shapely.Polygon(outer).simplify(0.003)
-    if not shape.is_valid:
+    free = shapely.Polygon(outer).simplify(0.003)
+    if not free.is_valid:
         return None
     found: list[Floats] = []
     low, high = outer.min(axis=0), outer.max(axis=0)
     for _ in range(wishes.holes):
         centres = rng.uniform(low, high, (200, 2))
         points = shapely.points(centres)
-        room = np.where(shapely.contains(shape, points), shapely.distance(shape.boundary, points), 0.0)
+        room = np.where(shapely.contains(free, points), shapely.distance(free.boundary, points), 0.0)
         best = int(np.argmax(room * rng.uniform(0.5, 1.0, len(room))))
         if room[best] < 0.05:
             return None
-        hole = centres[best] + room[best] * rng.uniform(0.3, 0.5) * hole_shape(rng, wishes.spikiness)
+        hole = centres[best] + room[best] * rng.uniform(0.3, 0.5) * hole_outline(rng, wishes.spikiness)
         found.append(hole)
-        shape = shape.difference(shapely.Polygon(hole))
+        free = free.difference(shapely.Polygon(hole))
     return found
 
 
-def hole_shape(rng: np.random.Generator, spikiness: float) -> Floats:
+def hole_outline(rng: np.random.Generator, spikiness: float) -> Floats:
     """A hole's outline within the unit disc: a round one or a polygon of 3 to 6 corners."""
     sides = int(rng.integers(3, 7)) if rng.random() < 0.3 + 0.4 * spikiness else 180
     angles = 2 * np.pi * (np.arange(sides) + rng.random()) / sides
@@ -256,7 +262,7 @@ def discretised(outlines: list[Floats], vertices: int, spacing: Spacing) -> list
 
 
 def roomy(rings: list[Floats]) -> bool:
-    """Whether no segment is far too short, no corner too sharp and no part, inside or outside, too narrow.
+    """Whether no segment is far too short, no corner too sharp and no passage, inside or outside, too narrow.
 
     Clearance is the distance of a vertex from the segments beyond its neighbours, over its own segments' mean length.
     """
@@ -264,7 +270,7 @@ def roomy(rings: list[Floats]) -> bool:
     ahead = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     behind = np.concatenate([np.roll(ring, 1, axis=0) for ring in rings])
     forth, back = ahead - here, behind - here
-    angle = np.arctan2(np.abs(forth[:, 0] * back[:, 1] - forth[:, 1] * back[:, 0]), (forth * back).sum(axis=1))
+    angle = np.abs(signed_angles(forth, back))
     lengths = np.linalg.norm(forth, axis=1)
     if angle.min() < LEAST_ANGLE or lengths.min() < LEAST_SEGMENT * lengths.mean():
         return False
@@ -285,7 +291,7 @@ def nearby(rings: list[Floats], vertex: int, segment: int) -> bool:
 
 
 def plain(wishes: Wishes, name: str) -> Domain:
-    """A disc with round holes on a circle: what remains when no shape drawn had room for the wishes."""
+    """A disc with round holes on a circle: what remains when no outline drawn had room for the wishes."""
     angles = 2 * np.pi * np.arange(wishes.holes) / max(1, wishes.holes)
     hole = 0.15 * circle(HOLE_LEAST)
     holes = [hole + 0.55 * np.array([np.cos(a), np.sin(a)]) for a in angles]

@@ -1,6 +1,6 @@
 """Random machine parts: stars, combs, gears, springs, plates, brackets; one seed, one domain. For measuring only.
 
-Nothing trains on these, so a mesher's figures on them tell how it does on shapes it has never met.
+Nothing trains on these, so a mesher's figures on them tell how it does on polygons it has never met.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import shapely
 
 from envs.domains.part_families import FAMILIES
 from envs.domains.random_domain import discretised, roomy
+from envs.polygons.domain import from_rings
 from envs.polygons.outline import Spacing, even, near, wave
-from envs.polygons.polygon import from_rings
 from envs.polygons.rings import signed_area
 from envs.types import Domain, DomainError, Floats
 
@@ -24,7 +24,7 @@ NAME = re.compile(r"part-\d+", re.IGNORECASE)
 #: Least and most given boundary vertices.
 FEWEST, MOST = 30, 400
 
-#: Where the vertices drawn cannot follow the shape, this many times more may.
+#: Where the vertices drawn cannot follow the polygon, this many times more may.
 DENSER = 1.3
 
 #: Most times that a segment is longer than its neighbour, and than the shortest of all.
@@ -33,7 +33,7 @@ NEIGHBOURS, ALL = 2.2, 7.0
 #: Least share of an outline's area that its vertices enclose: a round hole has 7 of them at least.
 LIKENESS = 0.86
 
-#: Shapes tried; the families leave so few to chance that one of the first does.
+#: Polygons tried; the families leave so few to chance that one of the first does.
 ATTEMPTS = 200
 
 
@@ -49,13 +49,13 @@ def random_part(seed: int) -> Domain:
     if not 0 <= seed < 2**63:
         raise DomainError(f"{PREFIX}{seed}: seed = {seed} is out of range; choose it from 0 to {2**63 - 1}")
     rng = np.random.default_rng(seed)
-    # Drawn once: a family whose shapes are refused more often is no rarer.
+    # Drawn once: a family whose polygons are refused more often is no rarer.
     family = FAMILIES[rng.integers(len(FAMILIES))]
     for _ in range(ATTEMPTS):
-        shape = family(rng)
+        polygon = family(rng)
         if rng.random() < 0.4:
-            shape = shapely.affinity.rotate(shape, rng.uniform(0.0, 360.0))
-        domain = fitted(rng, shape, f"{PREFIX}{seed}")
+            polygon = shapely.affinity.rotate(polygon, rng.uniform(0.0, 360.0))
+        domain = fitted(rng, polygon, f"{PREFIX}{seed}")
         if domain is not None:
             return domain
     raise AssertionError(f"{PREFIX}{seed}: no {family.__name__} of {ATTEMPTS} makes a domain")
@@ -80,11 +80,11 @@ def from_spec(spec: str) -> Domain:
     return random_part(seed)
 
 
-def fitted(rng: np.random.Generator, shape: shapely.Geometry, name: str) -> Domain | None:
-    """The shape as a domain, with the vertices drawn or, where these cannot follow it, with more; None beyond MOST."""
-    if not isinstance(shape, shapely.Polygon) or not shape.is_valid:
+def fitted(rng: np.random.Generator, polygon: shapely.Geometry, name: str) -> Domain | None:
+    """The domain of a polygon, with the vertices drawn or, where these cannot follow it, more; None beyond MOST."""
+    if not isinstance(polygon, shapely.Polygon) or not polygon.is_valid:
         return None
-    outlines = [fine(ring) for ring in (shape.exterior, *shape.interiors)]
+    outlines = [fine(ring) for ring in (polygon.exterior, *polygon.interiors)]
     spacing = drawn_spacing(rng, outlines[0])
     vertices = FEWEST * (MOST / FEWEST) ** rng.random()
     while vertices <= MOST:
@@ -108,10 +108,10 @@ def fine(ring: shapely.LinearRing) -> Floats:
 
 def drawn_spacing(rng: np.random.Generator, outline: Floats) -> Spacing:
     """Even spacing, finer near one or two places of the outline, or a wave across it."""
-    kind, ratio = rng.random(), rng.uniform(1.5, 3.0)
-    if kind < 0.6:
+    choice, ratio = rng.random(), rng.uniform(1.5, 3.0)
+    if choice < 0.6:
         return even
-    if kind < 0.85:
+    if choice < 0.85:
         return near(outline[rng.integers(len(outline), size=rng.integers(1, 3))].tolist(), rng.uniform(0.8, 1.6), ratio)
     return wave(ratio, rng.uniform(0.0, np.pi), rng.uniform(1.5, 4.0), rng.uniform(0.0, 2 * np.pi))
 

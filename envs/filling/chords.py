@@ -92,7 +92,7 @@ def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints)
             side from each corner to the next (5)].
     """
     corner, place, size, option = np.zeros((4, 7), dtype=np.int64)
-    part, block = np.zeros(7), np.empty((7, 2))
+    partial, block = np.zeros(7), np.empty((7, 2))
     closing = 1 if (j - i) % 2 == 0 else 0
     best = math.inf
     corner[0], size[0], block[0] = i, 1, xy[i]
@@ -107,14 +107,14 @@ def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints)
         pointed = (b - a) % 2 == 0
         grown = size[depth - 1] + (2 if pointed else 1)
         vertices = grown + closing
-        total = part[depth - 1] + cost[a, b, s]
+        total = partial[depth - 1] + cost[a, b, s]
         if vertices > (6 if b == j else 5) or (depth == 1 and b == j) or total >= best:
             continue
         if pointed:
             block[grown - 2, 0], block[grown - 2, 1] = chord_point(xy, a, b, s)
         corner[depth], place[depth - 1], block[grown - 1] = b, s, xy[b]
         if b < j:
-            size[depth], part[depth] = grown, total
+            size[depth], partial[depth] = grown, total
             depth += 1
             option[depth] = PLACES * (b + 1)
             continue

@@ -53,18 +53,18 @@ def partition(xy: Floats, triangles: Ints, across: Ints) -> tuple[Floats, list[I
 def pieces(
     triangles: Ints, across: Ints, order: list[int], parent: list[int], cuts: dict[tuple[int, int], int | None]
 ) -> list[Ints]:
-    """The rings around the parts of the tree between cuts, given by their directed edges and the points on them."""
-    part: dict[int, int] = {}
+    """The rings around the pieces of the tree between cuts, given by their directed edges and the points on them."""
+    piece: dict[int, int] = {}
     ahead: list[dict[int, int]] = []
     for t in order:
         corners = triangles[t].tolist()
         edges = list(zip(corners, corners[1:] + corners[:1], across[t].tolist(), strict=True))
         if parent[t] < 0 or any(u == parent[t] and (a, b) in cuts for a, b, u in edges):
-            part[t] = len(ahead)
+            piece[t] = len(ahead)
             ahead.append({})
         else:
-            part[t] = part[parent[t]]
-        step = ahead[part[t]]
+            piece[t] = piece[parent[t]]
+        step = ahead[piece[t]]
         for a, b, u in edges:
             if u < 0 or (a, b) in cuts:
                 middle = cuts.get((a, b))

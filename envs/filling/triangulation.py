@@ -23,12 +23,12 @@ from envs.types import Floats, Ints
 GAIN = 1e-6
 
 #: Distance from a diagonal, as a share of its length, within which another vertex as good as lies on it: points on one
-#: line, but for rounding. A ring cut there has parts without area.
+#: line, but for rounding. A ring cut there has pieces without area.
 NEAR = 1e-6
 
 
 @inlined
-def shape(xy: Floats, a: int, b: int, c: int) -> float:
+def triangle_quality(xy: Floats, a: int, b: int, c: int) -> float:
     """Twice the area over the sum of the squared sides, > 0; -1 for a triangle that is not certainly positive."""
     ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
     if not turns_left(ax, ay, bx, by, cx, cy):
@@ -45,11 +45,11 @@ def same(xy: Floats, i: int, j: int) -> bool:
 
 @inlined
 def ear(xy: Floats, following: Ints, a: int, b: int, c: int) -> float:
-    """What the ear a, b, c is worth: its shape, and next to nothing where it leaves another vertex all but on a - c.
+    """What the ear a, b, c is worth: its quality, and next to nothing where it leaves another vertex all but on a - c.
 
     -1 where b is no ear: not convex, or another vertex in or on the triangle.
     """
-    value = shape(xy, a, b, c)
+    value = triangle_quality(xy, a, b, c)
     if value <= 0.0:
         return -1.0
     ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
@@ -127,8 +127,8 @@ def flip(xy: Floats, triangles: Ints, across: Ints) -> None:
                 while triangles[u, m] != b:
                     m += 1
                 d = triangles[u, (m + 2) % 3]
-                before = min(shape(xy, a, b, c), shape(xy, b, a, d))
-                if min(shape(xy, a, d, c), shape(xy, d, b, c)) <= before * (1.0 + GAIN):
+                before = min(triangle_quality(xy, a, b, c), triangle_quality(xy, b, a, d))
+                if min(triangle_quality(xy, a, d, c), triangle_quality(xy, d, b, c)) <= before * (1.0 + GAIN):
                     continue
                 ad, db = across[u, (m + 1) % 3], across[u, (m + 2) % 3]
                 bc, ca = across[t, (k + 1) % 3], across[t, (k + 2) % 3]

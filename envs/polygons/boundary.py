@@ -1,10 +1,10 @@
-"""The boundaries of several polygons as one graph: nodes that stay, and the runs between them.
+"""The boundaries of several polygons as one graph: nodes that stay, and the chains between them.
 
 ::
 
     o----------o----------o        o   node: a corner, a coarse outline's vertex, or where boundaries part
     |          |          |
-    |    A     r    B     |        r   one run, used by A upwards and by B downwards: whatever is put on it,
+    |    A     c    B     |        c   one chain, used by A upwards and by B downwards: whatever is put on it,
     |          |          |            both have the same points there
     o----------o----------o
 """
@@ -18,11 +18,12 @@ from functools import cached_property
 import numpy as np
 
 from envs.polygons.outline import CORNER
+from envs.polygons.turning import bends, turns
 from envs.types import Floats, Ints
 
 
 @dataclass(frozen=True)
-class Run:
+class Chain:
     """A stretch of boundary between two nodes, which may be one.
 
     Attributes:
@@ -37,29 +38,29 @@ class Run:
 
     @cached_property
     def length(self) -> float:
-        """Length along the run."""
+        """Length along the chain."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
 
 @dataclass(frozen=True)
 class Use:
-    """A run as part of a ring: its index, and whether the ring walks it from its last node to its first."""
+    """A chain as part of a ring: its index, and whether the ring walks it from its last node to its first."""
 
-    run: int
+    chain: int
     backward: bool
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Rings of several polygons over common runs.
+    """Rings of several polygons over common chains.
 
     Attributes:
-        runs: each stretch once, however many rings it is part of.
-        rings: for each polygon, for each of its rings, the runs in order.
+        chains: each stretch once, however many rings it is part of.
+        rings: for each polygon, for each of its rings, the chains in order.
         sharpest: (nodes,) smallest inner angle at each vertex, radians; 2 pi where no ring has a node.
     """
 
-    runs: list[Run]
+    chains: list[Chain]
     rings: list[list[list[Use]]]
     sharpest: Floats
 
@@ -87,11 +88,11 @@ def boundary(polygons: Sequence[Sequence[Floats]], coarse: float) -> Boundary:
         # Walked with the inside to the left, a turn to the left leaves less than pi inside.
         inside = np.pi - turn * (1.0 if (turn.sum() > 0) == is_outer else -1.0)
         np.minimum.at(sharpest, walk, inside)
-    runs: list[Run] = []
+    chains: list[Chain] = []
     known: dict[tuple[int, int, int], int] = {}
-    used = [uses(ring, walk, stays, runs, known) for ring, walk in zip(rings, walks, strict=True)]
+    used = [uses(ring, walk, stays, chains, known) for ring, walk in zip(rings, walks, strict=True)]
     bounds = np.cumsum([0, *(len(polygon) for polygon in polygons)])
-    return Boundary(runs, [used[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)], sharpest)
+    return Boundary(chains, [used[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)], sharpest)
 
 
 def degree(walks: Sequence[Ints], nodes: int) -> Ints:
@@ -102,18 +103,10 @@ def degree(walks: Sequence[Ints], nodes: int) -> Ints:
     return np.bincount(np.concatenate([segments // nodes, segments % nodes]), minlength=nodes)
 
 
-def turns(ring: Floats) -> Floats:
-    """(n,) how far an (n, 2) ring turns at each vertex, radians in [-pi, pi], positive to the left."""
-    ahead = np.roll(ring, -1, axis=0) - ring
-    behind = np.roll(ahead, 1, axis=0)
-    cross = behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0]
-    return np.arctan2(cross, (behind * ahead).sum(axis=1))
-
-
 def uses(
-    ring: Floats, walk: Ints, stays: np.ndarray, runs: list[Run], known: dict[tuple[int, int, int], int]
+    ring: Floats, walk: Ints, stays: np.ndarray, chains: list[Chain], known: dict[tuple[int, int, int], int]
 ) -> list[Use]:
-    """The runs of a ring in order, new ones appended to those known."""
+    """The chains of a ring in order, new ones appended to those known."""
     if not stays[walk].any():
         stays[walk[0]] = True
     starts = np.flatnonzero(stays[walk])
@@ -122,22 +115,19 @@ def uses(
     bounds = np.append(starts - starts[0], len(walk) - 1).tolist()
     used = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
-        # From the lower end to the higher one, or of a closed run towards its lower neighbour: the same for all.
+        # From the lower end to the higher one, or of a closed chain towards its lower neighbour: the same for all.
         first, second, before, last = (int(walk[i]) for i in (a, a + 1, b - 1, b))
         backward = (last, before) < (first, second)
         key = (last, before, first) if backward else (first, second, last)
         if key not in known:
-            known[key] = len(runs)
+            known[key] = len(chains)
             points = ring[a : b + 1][:: -1 if backward else 1]
-            runs.append(Run(points, (key[0], key[2]), swing(points)))
+            chains.append(Chain(points, (key[0], key[2]), swing(points)))
         used.append(Use(known[key], backward))
     return used
 
 
 def swing(points: Floats) -> float:
     """Largest less smallest heading along (k, 2) points, radians."""
-    if len(points) < 3:
-        return 0.0
-    u, v = np.diff(points[:-1], axis=0), np.diff(points[1:], axis=0)
-    heading = np.cumsum(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
-    return float(max(heading.max(), 0.0) - min(heading.min(), 0.0))
+    heading = np.cumsum(bends(points))
+    return float(heading.max(initial=0.0) - heading.min(initial=0.0))

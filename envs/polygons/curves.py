@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.polygons.rings import MOST_VERTICES
+from envs.polygons.rings import EDGE_LENGTH, MOST_VERTICES
+from envs.polygons.turning import signed_angles
 from envs.types import DomainError, Floats
 
 #: Without an edge length, a chord stays within this share of the drawing's extent of its curve ...
@@ -78,7 +79,7 @@ def check_chords(chords: float) -> None:
         ChordsError: there would be.
     """
     if chords > MOST_VERTICES:
-        raise ChordsError(f"curves of more than {MOST_VERTICES:,} chords; simplify them, or use a larger edge length")
+        raise ChordsError(f"curves of more than {MOST_VERTICES:,} chords; simplify them, or use a larger {EDGE_LENGTH}")
 
 
 def chords_of_arc(radius: float, sweep: float, fineness: Flattening) -> int:
@@ -181,9 +182,7 @@ def fine_enough(points: Floats, fineness: Flattening) -> bool:
         return False
     # The heading of a tiny step is rounding alone.
     steps = steps[lengths > TINY * lengths.sum()]
-    u, v = steps[:-1], steps[1:]
-    turns = np.arctan2(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), (u * v).sum(axis=1))
-    if turns.max(initial=0.0) > fineness.turn:
+    if np.abs(signed_angles(steps[:-1], steps[1:])).max(initial=0.0) > fineness.turn:
         return False
     # A quarter of what a chord twice as long is off by.
     off = np.linalg.norm(points[1:-1:2] - 0.5 * (points[:-2:2] + points[2::2]), axis=1) / 4.0

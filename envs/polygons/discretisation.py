@@ -12,16 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from envs.polygons.boundary import Boundary, Run, boundary
+from envs.polygons.boundary import Boundary, Chain, boundary
 from envs.polygons.parity import made_even
-from envs.polygons.rings import check_count, extent
+from envs.polygons.rings import EDGE_LENGTH, HOLE_LEAST, OUTER_LEAST, check_count, extent
 from envs.polygons.sizing import Sizes, least_pieces, sizes
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
 
 Polygon = Sequence[Floats]
-
-#: Vertices that an outer ring and a hole have at least.
-OUTER_LEAST, HOLE_LEAST = 4, 3
 
 
 def discretised(
@@ -45,24 +42,26 @@ def discretised(
     """
     if edge_length is None:
         graph = boundary(polygons, coarse=0.0)
-        longest = max(run.length for run in graph.runs)
-        wanted = [Sizes(run.length, longest, (longest, longest)) for run in graph.runs]
-        counts = np.ones(len(graph.runs), dtype=np.int64)
+        longest = max(chain.length for chain in graph.chains)
+        wanted = [Sizes(chain.length, longest, (longest, longest)) for chain in graph.chains]
+        counts = np.ones(len(graph.chains), dtype=np.int64)
     else:
         # Sizes above the edge length do not occur, so this is the least that is possible.
         perimeter = sum(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum() for rings in polygons for r in rings)
-        check_count(perimeter / edge_length, source, "use a larger edge length")
+        check_count(perimeter / edge_length, source, f"use a larger {EDGE_LENGTH}")
         graph = boundary(conforming(polygons), coarse=edge_length)
         wanted = sizes(graph, edge_length, grading)
         counts = counts_of(graph, wanted, source)
     even_counts(graph, wanted, counts, source)
     for polygon in graph.rings:
-        total = int(sum(counts[use.run] for ring in polygon for use in ring))
-        check_count(total, source, "use a larger edge length", holes=len(polygon) > 1)
-    vertices = [placed(run, size, int(count)) for run, size, count in zip(graph.runs, wanted, counts, strict=True)]
+        total = int(sum(counts[use.chain] for ring in polygon for use in ring))
+        check_count(total, source, f"use a larger {EDGE_LENGTH}", holes=len(polygon) > 1)
+    vertices = [
+        placed(chain, size, int(count)) for chain, size, count in zip(graph.chains, wanted, counts, strict=True)
+    ]
     return [
         [
-            np.concatenate([vertices[use.run][:0:-1] if use.backward else vertices[use.run][:-1] for use in ring])
+            np.concatenate([vertices[use.chain][:0:-1] if use.backward else vertices[use.chain][:-1] for use in ring])
             for ring in polygon
         ]
         for polygon in graph.rings
@@ -97,28 +96,28 @@ def conforming(polygons: Sequence[Polygon]) -> list[list[Floats]]:
 
 
 def counts_of(graph: Boundary, wanted: Sequence[Sizes], source: str) -> Ints:
-    """(runs,) segments of each run: its integral of ds / h, rounded, but enough for its turns and for its rings."""
+    """(chains,) segments of each chain: its integral of ds / h, rounded, but enough for its turns and for its rings."""
     measures = np.array([size.measures[-1] for size in wanted])
-    used = np.bincount([use.run for polygon in graph.rings for ring in polygon for use in ring])
-    check_count(float(measures @ used), source, "use a larger edge length")
-    counts = np.maximum(np.round(measures).astype(np.int64), [least_pieces(run) for run in graph.runs])
+    used = np.bincount([use.chain for polygon in graph.rings for ring in polygon for use in ring])
+    check_count(float(measures @ used), source, f"use a larger {EDGE_LENGTH}")
+    counts = np.maximum(np.round(measures).astype(np.int64), [least_pieces(chain) for chain in graph.chains])
     for polygon in graph.rings:
         for r, ring in enumerate(polygon):
-            runs = [use.run for use in ring]
-            while counts[runs].sum() < (HOLE_LEAST if r else OUTER_LEAST):
-                # A bent run first: a straight one split cannot give a ring of two runs any area.
-                counts[max(runs, key=lambda i: (graph.runs[i].turn / counts[i], measures[i] / counts[i]))] += 1
+            chains = [use.chain for use in ring]
+            while counts[chains].sum() < (HOLE_LEAST if r else OUTER_LEAST):
+                # A bent chain first: a straight one split cannot give a ring of two chains any area.
+                counts[max(chains, key=lambda i: (graph.chains[i].turn / counts[i], measures[i] / counts[i]))] += 1
     return counts
 
 
 def even_counts(graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: str) -> None:
     """Add one segment where that distorts the sizes least, in place, until every polygon has an even total."""
-    users: list[list[int]] = [[] for _ in graph.runs]
+    users: list[list[int]] = [[] for _ in graph.chains]
     for p, polygon in enumerate(graph.rings):
         for ring in polygon:
             for use in ring:
-                users[use.run].append(p)
-    totals = [sum(int(counts[use.run]) for ring in polygon for use in ring) for polygon in graph.rings]
+                users[use.chain].append(p)
+    totals = [sum(int(counts[use.chain]) for ring in polygon for use in ring) for polygon in graph.rings]
     odd = [p for p, total in enumerate(totals) if total % 2]
     measures = np.array([size.measures[-1] for size in wanted])
     # How far, as a ratio, the segments' size then is from the wanted one.
@@ -132,9 +131,9 @@ def even_counts(graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: 
     counts[list(chosen)] += 1
 
 
-def placed(run: Run, size: Sizes, count: int) -> Floats:
-    """(count + 1, 2) vertices along a run, its ends exactly as given."""
+def placed(chain: Chain, size: Sizes, count: int) -> Floats:
+    """(count + 1, 2) vertices along a chain, its ends exactly as given."""
     at = size.split(count)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.points, axis=0), axis=1))])
-    inner = np.stack([np.interp(at, along, run.points[:, axis]) for axis in (0, 1)], axis=1)
-    return np.concatenate([run.points[:1], inner, run.points[-1:]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(chain.points, axis=0), axis=1))])
+    inner = np.stack([np.interp(at, along, chain.points[:, axis]) for axis in (0, 1)], axis=1)
+    return np.concatenate([chain.points[:1], inner, chain.points[-1:]])

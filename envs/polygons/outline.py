@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from envs.polygons.turning import turns
 from envs.types import Floats, Ints
 
 #: An outline's vertex that turns by more than this (radians) is a corner.
@@ -85,10 +86,7 @@ def catmull_rom(p0: Floats, p1: Floats, p2: Floats, p3: Floats, t: Floats) -> Fl
 
 def corners(outline: Floats) -> Ints:
     """Indices of the outline's corners."""
-    ahead = np.roll(outline, -1, axis=0) - outline
-    behind = np.roll(ahead, 1, axis=0)
-    turn = np.arctan2(behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0], (behind * ahead).sum(axis=1))
-    return np.flatnonzero(np.abs(turn) > CORNER)
+    return np.flatnonzero(np.abs(turns(outline)) > CORNER)
 
 
 def discretise(outline: Floats, n: int, spacing: Spacing = even) -> Floats:

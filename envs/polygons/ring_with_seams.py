@@ -4,36 +4,46 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.polygons.rings import Outline, check_crossings, close_pairs, extent, loops, odd_message, place, signed_area
+from envs.polygons.parity import odd_message
+from envs.polygons.rings import SegmentGraph, check_crossings, close_pairs, extent, loops, place, signed_area
 from envs.types import RELATIVE_TOLERANCE, Domain, DomainError, Floats, Ints
 
 
-def opened(name: str, ring: Floats, fix_parity: bool = False) -> Domain:
-    """The domain of an (n, 2) ring with its seams already walked in it.
+def check(source: str, ring: Floats) -> None:
+    """Refuse an (n, 2) ring whose repeated points are no seams.
 
-    Accepted is a ring whose repeated points are seams: with the seam edges walked once in each direction, no two edges
-    crossing, and the inside to the left at every corner, the walk is the border of one connected inside.
+    With the seam edges walked once in each direction, no two edges crossing, and the inside to the left at every
+    corner, the walk is the border of one connected inside.
 
     Raises:
-        DomainError: a pinch, a slit, a crossing, or an odd count without ``fix_parity``.
+        DomainError: a pinch, a slit or a crossing.
     """
     points, walk = distinct(ring)
-    check_rounding(name, points, walk)
+    check_rounding(source, points, walk)
     seam = seam_edges(walk)
-    check_pinches(name, ring, walk, seam)
+    check_pinches(source, ring, walk, seam)
     ahead = np.roll(walk, -1)
     once = ~seam | (walk < ahead)
     number = np.flatnonzero(once)
-    graph = Outline(name, points, np.stack([walk, ahead], axis=1)[once], np.zeros(len(number), dtype=np.int64), number)
-    check_crossings(graph)
+    edges = np.stack([walk, ahead], axis=1)[once]
+    check_crossings(SegmentGraph(source, points, edges, np.zeros(len(number), dtype=np.int64), number))
+    forward = 1 if signed_area(ring) > 0 else -1
+    check_inside_left(source, points, walk[::forward], np.arange(len(walk))[::forward])
+
+
+def opened(name: str, source: str, ring: Floats, fix_parity: bool = False) -> Domain:
+    """The domain of an (n, 2) ring with valid seams already walked in it.
+
+    Raises:
+        DomainError: an odd count without ``fix_parity``.
+    """
+    points, walk = distinct(ring)
     if signed_area(ring) < 0:
-        walk, seam = walk[::-1], np.roll(seam[::-1], -1)
-        check_inside_left(name, points, walk, np.arange(len(walk))[::-1])
-    else:
-        check_inside_left(name, points, walk, np.arange(len(walk)))
+        walk = walk[::-1]
+    seam = seam_edges(walk)
     if len(walk) % 2:
         if not fix_parity:
-            raise DomainError(odd_message(name, len(walk)))
+            raise DomainError(odd_message(source, len(walk)))
         here, there = points[walk], points[np.roll(walk, -1)]
         split = int(np.argmax(np.where(seam, 0.0, np.linalg.norm(there - here, axis=1))))
         points = np.concatenate([points, 0.5 * (here[split] + there[split])[None]])
@@ -56,22 +66,22 @@ def seam_edges(walk: Ints) -> np.ndarray:
     return np.array([(b, a) in every for a, b in forward])
 
 
-def check_rounding(name: str, points: Floats, walk: Ints) -> None:
+def check_rounding(source: str, points: Floats, walk: Ints) -> None:
     """Refuse distinct points that touch: the two sides of a seam that differ by rounding, or a pinch."""
     for i, j in close_pairs(points, RELATIVE_TOLERANCE * extent(points)):
         a, b = (int(np.flatnonzero(walk == k)[0]) for k in (i, j))
         raise DomainError(
-            f"{name}: outer ring, vertex {b} at {place(points[j])} repeats vertex {a} but for rounding: "
+            f"{source}: outer ring, vertex {b} at {place(points[j])} repeats vertex {a} but for rounding: "
             "a pinch; make the two sides of a seam equal number for number, or move one of the two"
         )
 
 
-def check_pinches(name: str, ring: Floats, walk: Ints, seam: np.ndarray) -> None:
+def check_pinches(source: str, ring: Floats, walk: Ints, seam: np.ndarray) -> None:
     """Refuse a slit that leads nowhere, a point that repeats without a seam, an edge walked twice in one direction."""
     ahead, behind = np.roll(walk, -1), np.roll(walk, 1)
     for i in np.flatnonzero(ahead == behind)[:1]:
         raise DomainError(
-            f"{name}: outer ring, a spike at vertex {i} at {place(ring[i])}: the boundary folds back onto itself; "
+            f"{source}: outer ring, a spike at vertex {i} at {place(ring[i])}: the boundary folds back onto itself; "
             "remove the vertex"
         )
     on_boundary = np.bincount(walk[~seam], minlength=int(walk.max()) + 1)
@@ -82,18 +92,18 @@ def check_pinches(name: str, ring: Floats, walk: Ints, seam: np.ndarray) -> None
         first = int(np.flatnonzero(walk == walk[i])[0])
         if first != i:
             raise DomainError(
-                f"{name}: outer ring, vertex {i} at {place(ring[i])} repeats vertex {first}: a pinch where the "
+                f"{source}: outer ring, vertex {i} at {place(ring[i])} repeats vertex {first}: a pinch where the "
                 "boundary touches itself, and no seam (walked once in each direction) ends there; move one of the two"
             )
     _, first_walked = np.unique(np.stack([walk, ahead], axis=1), axis=0, return_index=True)
     for i in np.setdiff1d(np.arange(len(walk)), first_walked)[:1]:
         raise DomainError(
-            f"{name}: outer ring, segment {i} from {place(ring[i])} is walked twice in one direction; a seam is walked "
-            "once in each: remove one of the two"
+            f"{source}: outer ring, segment {i} from {place(ring[i])} is walked twice in one direction, a seam "
+            "walked once in each; remove one of the two"
         )
 
 
-def check_inside_left(name: str, points: Floats, walk: Ints, number: Ints) -> None:
+def check_inside_left(source: str, points: Floats, walk: Ints, number: Ints) -> None:
     """Refuse a walk that does not keep the inside to its left.
 
     ::
@@ -103,7 +113,7 @@ def check_inside_left(name: str, points: Floats, walk: Ints, number: Ints) -> No
           . . . v----next    no other edge may leave v there
 
     Args:
-        name: what messages begin with.
+        source: what messages begin with.
         points: (p, 2).
         walk: (n,) indices into ``points``, counter-clockwise.
         number: (n,) the index that each vertex of the walk was given with.
@@ -122,7 +132,7 @@ def check_inside_left(name: str, points: Floats, walk: Ints, number: Ints) -> No
         for i in visits:
             if after[int(ahead[i])] != int(behind[i]):
                 raise DomainError(
-                    f"{name}: outer ring, vertex {number[i]} at {place(points[v])}: the boundary is walked across "
+                    f"{source}: outer ring, vertex {number[i]} at {place(points[v])}: the boundary is walked across "
                     "itself here, so its repeated points are a pinch and no seam; walk holes against the outer ring"
                 )
 

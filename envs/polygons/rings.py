@@ -6,9 +6,11 @@ Everything within ``RELATIVE_TOLERANCE`` of the domain's diameter counts as touc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import reprlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -25,15 +27,21 @@ MOST_WITH_HOLES = 50_000
 #: Rings of a file at most.
 MOST_RINGS = 10_000
 
+#: Vertices that an outer ring and a hole have at least.
+OUTER_LEAST, HOLE_LEAST = 4, 3
+
 #: Pairs that a search for what lies near looks at in one go: a scribble of n segments has n^2 / 2 of them.
 PAIRS_AT_ONCE = 30_000_000
+
+#: What messages call the options that help, on the command line and in Python.
+EDGE_LENGTH, FIX_PARITY = "--edge-length (edge_length= in Python)", "--fix-parity (fix_parity=True in Python)"
 
 #: Coordinates beyond this, or domains smaller than its inverse, would overflow when squared or multiplied.
 LARGEST_COORDINATE = 1e100
 
 
 @dataclass(frozen=True)
-class Outline:
+class SegmentGraph:
     """The segments of one or several rings as a graph over distinct points, with what messages call them.
 
     Attributes:
@@ -139,12 +147,12 @@ def pairs_of(
         start, count = start + count, min(2 * count, most)
 
 
-def is_number(kind: type) -> bool:
+def is_number(given: type) -> bool:
     """Whether a type is one of numbers; truth values are none."""
-    return issubclass(kind, int | float | np.integer | np.floating) and kind is not bool
+    return issubclass(given, int | float | np.integer | np.floating) and given is not bool
 
 
-def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int = 4) -> Floats:
+def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int = OUTER_LEAST) -> Floats:
     """Coordinates as an (n, 2) float64 ring, without the closing point that repeats the first.
 
     Args:
@@ -165,28 +173,55 @@ def as_ring(coordinates: ArrayLike, source: str, index: int = 0, *, least: int =
             raise TypeError("not numbers")
         ring = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
+        where += first_broken(coordinates)
         raise DomainError(f"{where}: not a list of [x, y] pairs of numbers; give every vertex as [x, y]") from None
     if ring.size == 0:
         raise DomainError(f"{where}: no vertices; give at least 4 [x, y] pairs")
     if ring.ndim != 2 or ring.shape[1] != 2:
         raise DomainError(f"{where}: shape {ring.shape} where (n, 2) is needed; give every vertex as [x, y]")
-    for i in np.flatnonzero(~(np.abs(ring) <= LARGEST_COORDINATE).all(axis=1))[:1]:
-        what = "too large" if np.isfinite(ring[i]).all() else "not finite (NaN or infinity)"
-        raise DomainError(f"{where}, vertex {i} at {place(ring[i])}: coordinate {what}; correct or remove the vertex")
+    check_coordinates(ring, source, lambda i: f"{ring_name(index)}, vertex {i}")
     # -0.0 and 0.0 are one place: adding zero makes them one number too.
     ring = ring + 0.0
     tolerance = RELATIVE_TOLERANCE * extent(ring)
     if len(ring) > 1 and np.linalg.norm(ring[0] - ring[-1]) <= tolerance:
         ring = ring[:-1]
-    least = least if index == 0 else 3
-    if len(ring) < least:
-        raise DomainError(f"{where}: {len(ring)} vertices, at least {least} are needed; split its segments")
+    check_least(len(ring), source, index, least)
     gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     for i in np.flatnonzero(gaps <= tolerance)[:1]:
         j = (i + 1) % len(ring)
         raise DomainError(f"{where}, vertex {j} at {place(ring[j])}: repeats vertex {i}; remove one of the two")
     check_thickness(ring, where)
     return ring
+
+
+def check_coordinates(points: Floats, source: str, name: Callable[[int], str] = lambda _: "a point") -> None:
+    """Refuse (n, 2 or 3) points not finite or beyond ``LARGEST_COORDINATE``; the name tells which row it is."""
+    for i in np.flatnonzero(~(np.abs(points) <= LARGEST_COORDINATE).all(axis=1))[:1]:
+        what = "too large" if np.isfinite(points[i]).all() else "not finite (NaN or infinity)"
+        raise DomainError(f"{source}: {name(i)} at {place(points[i])}: coordinate {what}; correct or remove it")
+
+
+def first_broken(coordinates: Any) -> str:
+    """What a message says of the first vertex that is no pair of numbers; nothing when there are no vertices."""
+    if not isinstance(coordinates, list | tuple):
+        return ""
+    for i, vertex in enumerate(coordinates):
+        if not isinstance(vertex, list | tuple | np.ndarray) or not all(is_number(type(value)) for value in vertex):
+            return f", vertex {i} {reprlib.repr(vertex)}"
+        if len(vertex) != 2:
+            return f", vertex {i} of {len(vertex)} numbers"
+    return ""
+
+
+def check_least(vertices: int, source: str, index: int = 0, least: int = OUTER_LEAST) -> None:
+    """Refuse a ring of too few vertices: an outer one of less than ``least``, a hole of less than ``HOLE_LEAST``."""
+    least = HOLE_LEAST if index else least
+    if vertices >= least:
+        return
+    fix = "add vertices or remove the hole" if index else "add vertices"
+    if vertices == OUTER_LEAST - 1 and not index:
+        fix = f"use {EDGE_LENGTH}, which splits its sides, or add a vertex"
+    raise DomainError(f"{source}: {ring_name(index)}: {vertices} vertices, at least {least} are needed; {fix}")
 
 
 def check_thickness(ring: Floats, where: str) -> None:
@@ -203,7 +238,7 @@ def check_thickness(ring: Floats, where: str) -> None:
         )
 
 
-def outline(rings: Sequence[Floats], source: str) -> Outline:
+def segment_graph(rings: Sequence[Floats], source: str) -> SegmentGraph:
     """The graph of several rings that share no points."""
     counts = [len(ring) for ring in rings]
     starts = np.concatenate([[0], np.cumsum(counts)])
@@ -211,7 +246,7 @@ def outline(rings: Sequence[Floats], source: str) -> Outline:
         np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1) + start
         for n, start in zip(counts, starts, strict=False)
     ]
-    return Outline(
+    return SegmentGraph(
         source=source,
         points=np.concatenate(rings),
         edges=np.concatenate(edges).astype(np.int64),
@@ -220,16 +255,15 @@ def outline(rings: Sequence[Floats], source: str) -> Outline:
     )
 
 
-def check_distinct(rings: Sequence[Floats], source: str) -> None:
+def check_distinct(graph: SegmentGraph) -> None:
     """Refuse points that occur twice, in one ring (a pinch) or in two (they touch)."""
-    whole = outline(rings, source)
-    for i, j in close_pairs(whole.points, whole.tolerance):
-        first, second = (f"{ring_name(whole.ring_of[k])}, vertex {whole.number[k]}" for k in (i, j))
-        if whole.ring_of[i] == whole.ring_of[j]:
+    for i, j in close_pairs(graph.points, graph.tolerance):
+        first, second = (f"{ring_name(graph.ring_of[k])}, vertex {graph.number[k]}" for k in (i, j))
+        if graph.ring_of[i] == graph.ring_of[j]:
             problem = "a pinch where the boundary touches itself; move one of the two"
         else:
             problem = "the two rings touch; move one of them"
-        raise DomainError(f"{source}: {second} at {place(whole.points[j])} repeats {first}: {problem}")
+        raise DomainError(f"{graph.source}: {second} at {place(graph.points[j])} repeats {first}: {problem}")
 
 
 def close_pairs(points: Floats, distance: float) -> Iterator[tuple[int, int]]:
@@ -241,62 +275,62 @@ def close_pairs(points: Floats, distance: float) -> Iterator[tuple[int, int]]:
         yield from zip(i[later][order].tolist(), j[later][order].tolist(), strict=True)
 
 
-def check_crossings(whole: Outline) -> None:
+def check_crossings(graph: SegmentGraph) -> None:
     """Refuse edges that meet anywhere but at a shared end, and neighbours that fold back onto each other.
 
     Raises:
         DomainError: the two segments, by ring and index, and where they meet.
     """
-    ends = whole.points[whole.edges]
+    ends = graph.points[graph.edges]
     lines = shapely.linestrings(ends)
-    for i, j in pairs_of(shapely.STRtree(lines), lines, "dwithin", whole.tolerance):
+    for i, j in pairs_of(shapely.STRtree(lines), lines, "dwithin", graph.tolerance):
         i, j = i[i < j], j[i < j]
-        shared = (whole.edges[i][:, :, None] == whole.edges[j][:, None, :]).any(axis=2)
+        shared = (graph.edges[i][:, :, None] == graph.edges[j][:, None, :]).any(axis=2)
         neighbours = shared.any(axis=1)
-        check_folds(whole, i[neighbours], j[neighbours], shared[neighbours])
+        check_folds(graph, i[neighbours], j[neighbours], shared[neighbours])
         i, j = i[~neighbours], j[~neighbours]
         for k in np.lexsort([j, i])[:1]:
-            raise DomainError(crossing_message(whole, int(i[k]), int(j[k]), lines))
+            raise DomainError(crossing_message(graph, int(i[k]), int(j[k]), lines))
 
 
-def crossing_message(whole: Outline, a: int, b: int, lines: np.ndarray) -> str:
+def crossing_message(graph: SegmentGraph, a: int, b: int, lines: np.ndarray) -> str:
     """The line that names the edges ``a`` and ``b`` and where they meet."""
     meeting = shapely.shortest_line(lines[a], lines[b]).coords[0]
-    ring_a, ring_b = int(whole.ring_of[a]), int(whole.ring_of[b])
+    ring_a, ring_b = int(graph.ring_of[a]), int(graph.ring_of[b])
     if ring_a == ring_b:
         return (
-            f"{whole.source}: {ring_name(ring_a)} crosses itself: segments {whole.number[a]} and {whole.number[b]} "
+            f"{graph.source}: {ring_name(ring_a)} crosses itself: segments {graph.number[a]} and {graph.number[b]} "
             f"meet at {place(meeting)}; move a vertex so that they do not meet"
         )
     other = "the outer ring" if ring_a == 0 else ring_name(ring_a)
     return (
-        f"{whole.source}: {ring_name(ring_b)} crosses or touches {other}: its segment {whole.number[b]} meets "
-        f"segment {whole.number[a]} at {place(meeting)}; move the hole clear"
+        f"{graph.source}: {ring_name(ring_b)} crosses or touches {other}: its segment {graph.number[b]} meets "
+        f"segment {graph.number[a]} at {place(meeting)}; move the hole clear"
     )
 
 
-def check_folds(whole: Outline, i: Ints, j: Ints, shared: np.ndarray) -> None:
+def check_folds(graph: SegmentGraph, i: Ints, j: Ints, shared: np.ndarray) -> None:
     """Refuse neighbouring edges that lie upon each other: the corner between them is a spike of zero angle.
 
     Args:
-        whole: the graph.
+        graph: of all segments.
         i: (m,) edges.
         j: (m,) edges, each a neighbour of the one in ``i``.
         shared: (m, 2) bool, which end of ``i`` is the common one.
     """
-    first, second = whole.edges[i], whole.edges[j]
+    first, second = graph.edges[i], graph.edges[j]
     corner = np.where(shared[:, 0], first[:, 0], first[:, 1])
-    tip = whole.points[corner]
-    u = whole.points[first.sum(axis=1) - corner] - tip
-    v = whole.points[second.sum(axis=1) - corner] - tip
+    tip = graph.points[corner]
+    u = graph.points[first.sum(axis=1) - corner] - tip
+    v = graph.points[second.sum(axis=1) - corner] - tip
     cross, dot = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)
     # Distance of the shorter one's far end from the longer one.
     off = np.abs(cross) / np.maximum(np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1))
-    for k in np.flatnonzero((dot > 0) & (off <= whole.tolerance))[:1]:
+    for k in np.flatnonzero((dot > 0) & (off <= graph.tolerance))[:1]:
         a, b = int(i[k]), int(j[k])
         raise DomainError(
-            f"{whole.source}: {ring_name(whole.ring_of[a])}, a spike at {place(tip[k])}: segment "
-            f"{whole.number[b]} folds back onto segment {whole.number[a]}; remove the vertex at the tip"
+            f"{graph.source}: {ring_name(graph.ring_of[a])}, a spike at {place(tip[k])}: segment "
+            f"{graph.number[b]} folds back onto segment {graph.number[a]}; remove the vertex at the tip"
         )
 
 
@@ -307,45 +341,14 @@ def check_nesting(rings: Sequence[Floats], source: str) -> None:
     """
     if len(rings) == 1:
         return
-    shapes = shapely.polygons([shapely.linearrings(ring) for ring in rings])
+    inside = shapely.polygons([shapely.linearrings(ring) for ring in rings])
     probes = shapely.points([ring[0] for ring in rings[1:]])
-    shapely.prepare(shapes[0])
-    for h in np.flatnonzero(~shapely.contains(shapes[0], probes))[:1] + 1:
+    shapely.prepare(inside[0])
+    for h in np.flatnonzero(~shapely.contains(inside[0], probes))[:1] + 1:
         where = f"{source}: {ring_name(h)}, vertex 0 at {place(rings[h][0])}"
         raise DomainError(f"{where}: lies outside the outer ring; move the hole inside or remove it")
-    for inner, outer in pairs_of(shapely.STRtree(shapes[1:]), probes, "within"):
+    for inner, outer in pairs_of(shapely.STRtree(inside[1:]), probes, "within"):
         for k in np.flatnonzero(inner != outer)[:1]:
             h, other = inner[k] + 1, outer[k] + 1
             where = f"{source}: {ring_name(h)}, vertex 0 at {place(rings[h][0])}"
             raise DomainError(f"{where}: lies inside {ring_name(other)}; remove one of the two")
-
-
-def with_even_count(rings: list[Floats], source: str, fix_parity: bool) -> list[Floats]:
-    """The rings, with an even total of vertices.
-
-    Args:
-        rings: each (n, 2).
-        source: the name that messages begin with.
-        fix_parity: split the longest segment at its midpoint when the total is odd.
-
-    Raises:
-        DomainError: an odd total without ``fix_parity``.
-    """
-    total = sum(len(ring) for ring in rings)
-    if total % 2 == 0:
-        return rings
-    if not fix_parity:
-        raise DomainError(odd_message(source, total))
-    lengths = [np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1) for ring in rings]
-    r = int(np.argmax([length.max() for length in lengths]))
-    i = int(np.argmax(lengths[r]))
-    middle = 0.5 * (rings[r][i] + rings[r][(i + 1) % len(rings[r])])
-    return [*rings[:r], np.insert(rings[r], i + 1, middle, axis=0), *rings[r + 1 :]]
-
-
-def odd_message(source: str, total: int) -> str:
-    """The line that explains an odd ring and offers the fix."""
-    return (
-        f"{source}: {total} boundary vertices in all, an odd number, so no mesh of quadrilaterals alone exists; "
-        "use --fix-parity (split the longest segment) or add or remove one vertex"
-    )

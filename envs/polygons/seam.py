@@ -25,6 +25,7 @@ import numpy as np
 import shapely
 
 from envs.polygons.rings import oriented
+from envs.polygons.turning import signed_angles
 from envs.types import Domain, Floats, Ints
 
 #: How many times costlier a bridge is that leaves where another one does.
@@ -129,7 +130,7 @@ def chosen_bridges(rings: Sequence[Floats], points: Floats, ring_of: Ints, follo
 def corner_facing(points: Sequence[Floats], walk: Walk, bridge: Bridge) -> int:
     """The visit of the walk that the bridge leaves at: the corner at its start that opens towards its end.
 
-    A start that other bridges left before is visited more than once; each visit has its own part of the angle,
+    A start that other bridges left before is visited more than once; each visit has its own share of the angle,
     counter-clockwise from the vertex ahead to the vertex behind.
     """
     visits = walk.visits[bridge.start]
@@ -143,8 +144,7 @@ def corner_facing(points: Sequence[Floats], walk: Walk, bridge: Bridge) -> int:
 
 def turn_to(direction: Floats, origin: Floats) -> float:
     """Counter-clockwise angle in [0, 2 pi) from the vector ``origin`` to the vector ``direction``."""
-    cross = origin[0] * direction[1] - origin[1] * direction[0]
-    return float(np.arctan2(cross, origin @ direction) % (2 * np.pi))
+    return float(signed_angles(origin, direction) % (2 * np.pi))
 
 
 def bridge_candidates(rings: Sequence[Floats], points: Floats, ring_of: Ints, following: Ints) -> list[Bridge]:
@@ -162,7 +162,7 @@ def bridge_candidates(rings: Sequence[Floats], points: Floats, ring_of: Ints, fo
         along = points[pairs[:, other]] - points[pairs[:, end]]
         for neighbour in (before, following):
             edge = points[neighbour[pairs[:, end]]] - points[pairs[:, end]]
-            least = np.minimum(least, angle_between(along, edge))
+            least = np.minimum(least, np.abs(signed_angles(along, edge)))
     room = clearance(points, pairs, 0.3 * np.minimum(length, local_length(points, following)[pairs].mean(axis=1)))
     cost = length / np.maximum(np.sin(least) * room, 1e-12) ** 2
     return [Bridge(int(a), int(b), float(c)) for (a, b), c in zip(pairs, cost, strict=True)]
@@ -203,11 +203,6 @@ def clearance(points: Floats, pairs: Ints, wanted: Floats) -> Floats:
     share = np.ones(len(pairs))
     np.minimum.at(share, i, shapely.distance(lines[i], vertices[j]) / wanted[i])
     return share
-
-
-def angle_between(u: Floats, v: Floats) -> Floats:
-    """(m,) angles in [0, pi] between (m, 2) vectors."""
-    return np.arctan2(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), (u * v).sum(axis=1))
 
 
 def seam_points(points: Sequence[Floats], local: Floats, bridge: Bridge) -> list[Floats]:

@@ -1,6 +1,6 @@
 """Edge lengths along a boundary: even, or growing smoothly away from short features and sharp corners.
 
-Along a run of length L the wanted size is h(s) = min(e, h_a + k s, h_b + k (L - s)), with e the edge length, h_a and
+Along a chain of length L the wanted size is h(s) = min(e, h_a + k s, h_b + k (L - s)), with e the edge length, h_a and
 h_b the sizes at its ends and k the growth. Vertices split the integral of ds / h evenly: on a slope that makes each
 segment exp(k) times as long as the one before.
 """
@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.polygons.boundary import Boundary, Run
+from envs.polygons.boundary import Boundary, Chain
+from envs.polygons.rings import EDGE_LENGTH
 from envs.types import DomainError, Floats
 
 #: A graded segment is about this times as long as its smaller neighbour.
@@ -32,10 +33,10 @@ MOST_GRADING = 1e3
 
 @dataclass(frozen=True)
 class Sizes:
-    """The wanted sizes along one run.
+    """The wanted sizes along one chain.
 
     Attributes:
-        length: L, the run's length.
+        length: L, the chain's length.
         largest: e, the edge length.
         ends: h_a and h_b, at most e, and no further apart than SLOPE * L.
     """
@@ -57,13 +58,13 @@ class Sizes:
     def measures(self) -> Floats:
         """(4,) the integral of ds / h from the start to 0, s1, s2 and L."""
         s1, s2 = self.slopes
-        parts = [
+        pieces = [
             0.0,
             np.log1p(SLOPE * s1 / self.ends[0]) / SLOPE,
             (s2 - s1) / self.largest,
             np.log1p(SLOPE * (self.length - s2) / self.ends[1]) / SLOPE,
         ]
-        return np.cumsum(parts)
+        return np.cumsum(pieces)
 
     def split(self, pieces: int) -> Floats:
         """(pieces - 1,) distances from the start that split the integral evenly."""
@@ -76,24 +77,24 @@ class Sizes:
         return np.where(at < total[1], up, np.where(at <= total[2], level, down))
 
 
-def least_pieces(run: Run) -> int:
-    """Segments that a run needs so that none stands for more than ``MOST_TURN``."""
-    return max(1, int(np.ceil(run.turn / MOST_TURN - 1e-9)))
+def least_pieces(chain: Chain) -> int:
+    """Segments that a chain needs so that none stands for more than ``MOST_TURN``."""
+    return max(1, int(np.ceil(chain.turn / MOST_TURN - 1e-9)))
 
 
 def sizes(graph: Boundary, edge_length: float, grading: float) -> list[Sizes]:
-    """The wanted sizes along each run of a boundary.
+    """The wanted sizes along each chain of a boundary.
 
     Args:
         graph: the boundary.
         edge_length: the largest size, in the polygon's units.
         grading: the largest size over the smallest, 1 (even) to ``MOST_GRADING``.
     """
-    lengths = [run.length for run in graph.runs]
+    lengths = [chain.length for chain in graph.chains]
     at = node_sizes(graph, lengths, edge_length, grading)
     return [
-        Sizes(length, edge_length, (at[run.nodes[0]], at[run.nodes[1]]))
-        for run, length in zip(graph.runs, lengths, strict=True)
+        Sizes(length, edge_length, (at[chain.nodes[0]], at[chain.nodes[1]]))
+        for chain, length in zip(graph.chains, lengths, strict=True)
     ]
 
 
@@ -101,16 +102,16 @@ def node_sizes(graph: Boundary, lengths: Sequence[float], edge_length: float, gr
     """The size at each node: that of the features there, or of those nearby plus the growth along the boundary."""
     smallest = edge_length / grading
     wanted: dict[int, float] = {}
-    for run, length in zip(graph.runs, lengths, strict=True):
-        for node in run.nodes:
+    for chain, length in zip(graph.chains, lengths, strict=True):
+        for node in chain.nodes:
             corner = edge_length * min(1.0, graph.sharpest[node] / SHARP)
-            feature = min(edge_length, length / least_pieces(run), corner)
+            feature = min(edge_length, length / least_pieces(chain), corner)
             wanted[node] = min(wanted.get(node, edge_length), max(feature, smallest))
     if grading == 1.0:
         return wanted
     neighbours: dict[int, list[tuple[float, int]]] = {}
-    for run, length in zip(graph.runs, lengths, strict=True):
-        a, b = run.nodes
+    for chain, length in zip(graph.chains, lengths, strict=True):
+        a, b = chain.nodes
         neighbours.setdefault(a, []).append((SLOPE * length, b))
         neighbours.setdefault(b, []).append((SLOPE * length, a))
     queue = [(size, node) for node, size in wanted.items()]
@@ -133,8 +134,10 @@ def check_sizes(edge_length: float | None, grading: float, source: str) -> None:
         DomainError: an edge length that is not positive, a grading out of its range or without an edge length.
     """
     if edge_length is not None and not 0.0 < edge_length < np.inf:
-        raise DomainError(f"{source}: edge length {edge_length!r}; give a positive number in the polygon's units")
+        raise DomainError(
+            f"{source}: edge length {edge_length!r}; give --edge-length a positive number in the polygon's units"
+        )
     if not 1.0 <= grading <= MOST_GRADING:
-        raise DomainError(f"{source}: grading {grading!r}; give a ratio from 1 (even) to {MOST_GRADING:g}")
+        raise DomainError(f"{source}: grading {grading!r}; give --grading a ratio from 1 (even) to {MOST_GRADING:g}")
     if edge_length is None and grading != 1.0:
-        raise DomainError(f"{source}: grading {grading:g} without an edge length; give --edge-length too")
+        raise DomainError(f"{source}: grading {grading:g} without an edge length; give {EDGE_LENGTH} too")

@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
-from envs.polygons.rings import LARGEST_COORDINATE, check_count, extent
+from envs.polygons.rings import LARGEST_COORDINATE, check_coordinates, check_count, extent
 from envs.readers.loops import faces, joined
 from envs.readers.nesting import nested
 from envs.readers.source import excerpt
@@ -54,7 +54,7 @@ class Stroke:
     given: bool = True
 
 
-def polygons_of_dxf(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every polygon in a DXF drawing; loops inside loops are holes.
 
     Raises:
@@ -70,7 +70,7 @@ def polygons_of_dxf(path: Path, edge_length: float | None = None) -> list[list[A
     except DomainError:
         raise
     except Exception as error:  # what a broken entity makes ezdxf raise is not documented
-        raise DomainError(f"{source}: not a valid DXF drawing ({reason_of(error)}); save it again") from None
+        raise broken(source, error) from None
     return nested(loops_of(pieces, size, source), source)
 
 
@@ -81,14 +81,13 @@ def extent_of(strokes: Sequence[Stroke], entities: Sequence[Any], source: str) -
         DomainError: no strokes among the entities, or coordinates that are no places.
     """
     if not strokes:
-        found = ", ".join(f"{n} {kind}" for kind, n in Counter(e.dxftype() for e in entities).most_common(5))
+        found = ", ".join(f"{n} {name}" for name, n in Counter(e.dxftype() for e in entities).most_common(5))
         raise DomainError(
             f"{source}: no outline among its {len(entities)} entities ({found or 'it is empty'}); draw closed curves "
             f"of {', '.join(READ)} in the model space"
         )
     hull = np.concatenate([stroke.hull for stroke in strokes])
-    if not (np.abs(hull) <= LARGEST_COORDINATE).all():
-        raise DomainError(f"{source}: a coordinate is not finite or too large; correct the drawing")
+    check_coordinates(hull, source)
     return extent(hull)
 
 
@@ -98,7 +97,7 @@ def drawing_of(path: Path) -> Any:
         import ezdxf
         from ezdxf import recover
     except ImportError:
-        raise DomainError(f"{path}: DXF needs ezdxf; pip install ezdxf") from None
+        raise DomainError(f"{path}: DXF needs ezdxf; use pip install ezdxf") from None
     # Its warnings about what it repaired would go to the terminal.
     logger = logging.getLogger("ezdxf")
     if not logger.handlers:
@@ -109,12 +108,13 @@ def drawing_of(path: Path) -> Any:
         except (ezdxf.DXFError, ValueError):  # type: ignore[attr-defined]
             return recover.readfile(path)[0]
     except Exception as error:  # nor what a broken file does
-        raise DomainError(f"{path}: not a valid DXF drawing ({reason_of(error)}); save it again") from None
+        raise broken(path, error) from None
 
 
-def reason_of(error: Exception) -> str:
-    """An exception as part of a line."""
-    return excerpt(str(error), 80) or type(error).__name__
+def broken(source: str | Path, error: Exception) -> DomainError:
+    """What to raise for a drawing that cannot be read."""
+    reason = excerpt(str(error), 80) or type(error).__name__
+    return DomainError(f"{source}: not a valid DXF drawing ({reason}); save it again as DXF R2000 or later")
 
 
 def visible(drawing: Any, source: str) -> Iterator[Any]:
@@ -134,7 +134,8 @@ def visible(drawing: Any, source: str) -> Iterator[Any]:
         blocks += max(1, entity.mcount) if inserting else 0
         if taken > MOST_ENTITIES or blocks > MOST_BLOCKS:
             raise DomainError(
-                f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; simplify it"
+                f"{source}: more than {MOST_ENTITIES:,} entities or {MOST_BLOCKS:,} inserted blocks; "
+                "remove what is no outline"
             )
         if inserting:
             waiting.append(inserted(entity))
@@ -151,24 +152,24 @@ def inserted(insert: Any) -> Iterator[Any]:
 
 def strokes_of(entity: Any) -> Iterator[Stroke]:
     """What an entity draws: one stroke, or none."""
-    kind = entity.dxftype()
-    if kind == "LINE":
+    entity_type = entity.dxftype()
+    if entity_type == "LINE":
         ends = np.array([entity.dxf.start, entity.dxf.end])[:, :2]
         yield Stroke(ends, lambda _: ends)
-    elif kind in ("ARC", "CIRCLE"):
+    elif entity_type in ("ARC", "CIRCLE"):
         yield from round_stroke(entity)
-    elif kind == "LWPOLYLINE":
+    elif entity_type == "LWPOLYLINE":
         rows = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
         yield from polyline_stroke(rows[:, :2], rows[:, 2], entity.closed, entity.ocs())
-    elif kind == "POLYLINE" and (entity.is_2d_polyline or entity.is_3d_polyline):
-        # The frame of a spline-fit polyline is no part of the curve.
+    elif entity_type == "POLYLINE" and (entity.is_2d_polyline or entity.is_3d_polyline):
+        # The frame of a spline-fit polyline does not belong to the curve.
         vertices = [vertex for vertex in entity.vertices if not vertex.dxf.flags & 16]
         points = np.array([vertex.dxf.location for vertex in vertices]).reshape(-1, 3)[:, :2]
         bulges = np.array([vertex.dxf.get("bulge", 0.0) for vertex in vertices])
         yield from polyline_stroke(points, bulges, entity.is_closed, entity.ocs() if entity.is_2d_polyline else None)
-    elif kind == "ELLIPSE":
+    elif entity_type == "ELLIPSE":
         yield from ellipse_stroke(entity)
-    elif kind == "SPLINE":
+    elif entity_type == "SPLINE":
         yield from spline_stroke(entity)
 
 
@@ -216,7 +217,7 @@ def polyline_stroke(points: Floats, bulges: Floats, closed: bool, ocs: Any) -> I
 
 
 def ellipse_stroke(entity: Any) -> Iterator[Stroke]:
-    """An ELLIPSE, whole or a part of one; it lies in the world's coordinates."""
+    """An ELLIPSE, whole or an arc of one; it lies in the world's coordinates."""
     centre, major, minor = (np.array(v)[:2] for v in (entity.dxf.center, entity.dxf.major_axis, entity.minor_axis))
     start = float(entity.dxf.start_param)
     sweep = (float(entity.dxf.end_param) - start) % (2 * np.pi)
@@ -265,8 +266,7 @@ def flattened(strokes: Sequence[Stroke], fineness: Flattening, source: str) -> I
         points = stroke.flattened(fineness)
         total += len(points)
         check_count(total, source)
-        if not np.isfinite(points).all():
-            raise DomainError(f"{source}: a coordinate is not finite or too large; correct the drawing")
+        check_coordinates(points, source)
         yield points
 
 

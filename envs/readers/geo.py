@@ -18,7 +18,8 @@ import numpy as np
 
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
-from envs.polygons.rings import LARGEST_COORDINATE, check_count, extent
+from envs.polygons.rings import EDGE_LENGTH, check_coordinates, check_count, extent
+from envs.polygons.turning import signed_angles
 from envs.readers.geo_script import Script, tokens
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
@@ -33,7 +34,7 @@ PASSED_OVER = frozenset((
 ))  # fmt: skip
 
 #: What curves are called, and the fewest points of each.
-KINDS = {"Line": 2, "Circle": 3, "Ellipse": 3, "Spline": 2, "BSpline": 2, "Bezier": 4}
+LEAST_POINTS = {"Line": 2, "Circle": 3, "Ellipse": 3, "Spline": 2, "BSpline": 2, "Bezier": 4}
 
 #: Control points of a Bezier curve at most: its degree is one less, and its points take time with the square of that.
 MOST_BEZIER = 50
@@ -46,9 +47,9 @@ PARALLEL = 1e-12
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve as the script states it: its kind, its points' tags, its line in the file."""
+    """A curve as the script states it: its name, its points' tags, its line in the file."""
 
-    kind: str
+    name: str
     points: list[int]
     line: int
 
@@ -82,15 +83,15 @@ class Model:
     counts: dict[int, tuple[int, float]] = field(default_factory=dict)
 
 
-def polygons_of_geo(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every plane surface in a Gmsh script."""
     source = str(path)
     model = model_of(text_of(path), source)
     if not model.curves:
         raise DomainError(f"{source}: no curves; give Point, Line and Plane Surface statements")
-    used = np.array([model.points[p] for curve in model.curves.values() for p in curve.points])
-    if not (np.abs(used) <= LARGEST_COORDINATE).all():
-        raise DomainError(f"{source}: a coordinate is not finite or too large; correct the points")
+    tags = list(dict.fromkeys(tag for curve in model.curves.values() for tag in curve.points))
+    used = np.array([model.points[tag] for tag in tags])
+    check_coordinates(used, source, lambda i: f"point {tags[i]}")
     fineness = curves.flattening(extent(used), edge_length)
     flat: dict[int, Floats] = {}
     total = 0
@@ -137,7 +138,7 @@ def statement(script: Script, model: Model) -> None:
     token = script.take()
     word, second = token.text, script.next.text
     if token.kind != "name":
-        raise script.fault(f"{word[:40]!r} where a statement is needed; correct it", line)
+        raise script.fault(f"{word[:40]!r} where a statement is needed; correct the statement", line)
     if (word, second) in (("Line", "Loop"), ("Curve", "Loop")):
         script.take()
         tag = tag_of(script)
@@ -155,10 +156,10 @@ def statement(script: Script, model: Model) -> None:
         if len(coordinates) < 2:
             raise script.fault("a point needs x, y and z; correct the statement")
         model.points[tag] = (coordinates[0] + 0.0, coordinates[1] + 0.0)
-    elif word in KINDS and second == "(":
+    elif word in LEAST_POINTS and second == "(":
         tag = tag_of(script)
         points = known(script, script.tags(), model.points, "point", signed=False)
-        least = KINDS[word]
+        least = LEAST_POINTS[word]
         if word == "Bezier" and len(points) > MOST_BEZIER:
             raise script.fault(f"a Bezier of {len(points)} points, at most {MOST_BEZIER} are possible; split the curve")
         if len(points) < least or (word == "Circle" and len(points) != 3):
@@ -207,7 +208,7 @@ def assignment(script: Script, name: str) -> None:
     value = script.number()
     if operator != "=":
         if name not in script.variables:
-            raise script.fault(f"{name[:40]!r} is not set before; set it")
+            raise script.fault(f"{name[:40]!r} is not set before; give it a value first")
         before = script.variables[name]
         if operator == "/=" and value == 0.0:
             raise script.fault("a division by zero; correct the expression")
@@ -255,7 +256,7 @@ def transfinite(script: Script, model: Model) -> None:
         law = script.take().text
         ratio = script.number()
         if law != "Progression" or not 1e-3 <= ratio <= 1e3:
-            raise script.fault(f"points by {law[:20]} {ratio:g} are not understood; use Progression, or an edge length")
+            raise script.fault(f"points by {law[:20]} {ratio:g} are not understood; use Progression or {EDGE_LENGTH}")
     script.expect(";")
     for tag in tags:
         # Against a curve's direction the sizes shrink by what they grow by along it.
@@ -265,13 +266,13 @@ def transfinite(script: Script, model: Model) -> None:
 def flattened(model: Model, curve: Curve, fineness: Flattening, source: str) -> Floats:
     """A curve as a (k, 2) polyline that starts and ends exactly at its end points."""
     given = np.array([model.points[tag] for tag in curve.points])
-    if curve.kind == "Line" or len(given) == 2:
+    if curve.name == "Line" or len(given) == 2:
         return given
-    if curve.kind == "Circle":
+    if curve.name == "Circle":
         return circle_arc(given, fineness, f"{source}: line {curve.line}")
-    if curve.kind == "Ellipse":
+    if curve.name == "Ellipse":
         return ellipse_arc(given, fineness, f"{source}: line {curve.line}")
-    return SPLINES[curve.kind](given, fineness)
+    return SPLINES[curve.name](given, fineness)
 
 
 def circle_arc(given: Floats, fineness: Flattening, where: str) -> Floats:
@@ -281,7 +282,7 @@ def circle_arc(given: Floats, fineness: Flattening, where: str) -> Floats:
     radius, other = np.linalg.norm(u), np.linalg.norm(v)
     if radius == 0.0 or abs(radius - other) > 1e-3 * radius:
         raise DomainError(f"{where}: an arc whose ends are {radius:g} and {other:g} from its centre; correct a point")
-    sweep = float(np.arctan2(u[0] * v[1] - u[1] * v[0], u @ v))
+    sweep = float(signed_angles(u, v))
     if abs(np.sin(sweep / 2.0)) < PARALLEL:
         raise DomainError(f"{where}: an arc that ends where it starts; split the circle into three or more")
     return curves.arc_between(start, end, sweep, fineness)
@@ -394,5 +395,7 @@ def ring_of(model: Model, flat: dict[int, Floats], loop: int, source: str) -> Fl
         pieces.append(flat[tag][:-1] if node == first else flat[tag][:0:-1])
         node = last if node == first else first
     if node != start:
-        raise DomainError(f"{source}: loop {loop} ends at point {node} and not at point {start}, its start; close it")
+        raise DomainError(
+            f"{source}: loop {loop} ends at point {node} and not at point {start}, its start; add the curve between"
+        )
     return np.concatenate(pieces)

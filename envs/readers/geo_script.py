@@ -150,7 +150,7 @@ class Script:
         self.ranged += abs((last - first) / step) if step else math.inf
         if not self.ranged <= MOST_VERTICES:
             what = f"a range from {first:g} to {last:g} by {step:g}"
-            raise self.fault(f"{what}: all ranges together have more than {MOST_VERTICES:,} numbers; correct it")
+            raise self.fault(f"{what}: more than {MOST_VERTICES:,} numbers in all ranges; use shorter ones")
         return (first + i * step for i in range(math.floor((last - first) / step + 1e-9) + 1))
 
     def number(self) -> float:

@@ -24,17 +24,17 @@ def coordinates_of(data: Any, source: str, depth: int = 0) -> list[Any]:
     """The coordinates of every polygon in a GeoJSON object."""
     if depth > DEPTH:
         raise DomainError(f"{source}: GeoJSON nested more than {DEPTH} deep; give a Polygon or a Feature with one")
-    kind = data.get("type") if isinstance(data, Mapping) else None
-    if kind == "Polygon":
+    stated = data.get("type") if isinstance(data, Mapping) else None
+    if stated == "Polygon":
         return [data.get("coordinates")]
-    if kind == "MultiPolygon":
+    if stated == "MultiPolygon":
         return members(data, "coordinates", source)
-    if kind == "Feature":
+    if stated == "Feature":
         return coordinates_of(data.get("geometry"), source, depth + 1)
-    if kind in ("FeatureCollection", "GeometryCollection"):
-        key = "features" if kind == "FeatureCollection" else "geometries"
+    if stated in ("FeatureCollection", "GeometryCollection"):
+        key = "features" if stated == "FeatureCollection" else "geometries"
         return [found for member in members(data, key, source) for found in coordinates_of(member, source, depth + 1)]
-    named = f"type {kind[:40]!r}" if isinstance(kind, str) else "an object without a type"
+    named = f"type {stated[:40]!r}" if isinstance(stated, str) else "an object without a type"
     raise DomainError(f"{source}: GeoJSON {named} where a Polygon is needed; give a Polygon or a Feature with one")
 
 

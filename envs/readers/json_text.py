@@ -11,7 +11,7 @@ from envs.readers.source import text_of
 from envs.types import DomainError
 
 
-def polygons_of_json(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every polygon in a JSON file: GeoJSON, ``{"rings": ...}`` or a list of pairs."""
     source = str(path)
     data = parsed(text_of(path), source)

@@ -18,10 +18,10 @@ MOST_MEETING = 5_000_000
 
 
 def faces(pieces: Sequence[Floats], ends: Ints, source: str) -> list[list[Rings]]:
-    """The faces of each connected part of a drawing.
+    """The faces of each connected component of a drawing.
 
-    Where every end meets one other, a part is a loop and its only face the inside. Where three or more meet, pieces
-    are shared between faces: each region that they bound is one.
+    Where every end meets one other, a component is a loop and its only face the inside. Where three or more meet,
+    pieces are shared between faces: each region that they bound is one.
 
     Args:
         pieces: each (k, 2), k >= 2, from its start to its end; the pieces meet at their ends alone.
@@ -29,7 +29,7 @@ def faces(pieces: Sequence[Floats], ends: Ints, source: str) -> list[list[Rings]
         source: the name that messages begin with.
 
     Returns:
-        For each part its faces, for each face its rings.
+        For each component its faces, for each face its rings.
 
     Raises:
         DomainError: an end that meets no other, or a piece that bounds nothing.
@@ -42,13 +42,13 @@ def faces(pieces: Sequence[Floats], ends: Ints, source: str) -> list[list[Rings]
         raise DomainError(open_message(pieces, ends, int(piece), int(side), meeting, source))
     size = len(meeting)
     graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
-    part_of = connected_components(graph, directed=False)[1][ends[:, 0]]
-    order = np.argsort(part_of, kind="stable")
-    parts = np.split(order, np.flatnonzero(np.diff(part_of[order])) + 1)
-    parts.sort(key=lambda part: int(part[0]))
+    component_of = connected_components(graph, directed=False)[1][ends[:, 0]]
+    order = np.argsort(component_of, kind="stable")
+    components = np.split(order, np.flatnonzero(np.diff(component_of[order])) + 1)
+    components.sort(key=lambda component: int(component[0]))
     return [
-        [[loop(pieces, ends, part)]] if meeting[ends[part]].max() == 2 else regions(pieces, part, source)
-        for part in parts
+        [[loop(pieces, ends, component)]] if meeting[ends[component]].max() == 2 else regions(pieces, component, source)
+        for component in components
     ]
 
 
@@ -64,16 +64,16 @@ def without_copies(pieces: Sequence[Floats], ends: Ints) -> tuple[list[Floats], 
     return [pieces[i] for i in chosen], ends[chosen].reshape(-1, 2)
 
 
-def loop(pieces: Sequence[Floats], ends: Ints, part: Ints) -> Floats:
+def loop(pieces: Sequence[Floats], ends: Ints, component: Ints) -> Floats:
     """The ring of pieces that meet two by two, in the direction of the first."""
     at: dict[int, list[int]] = {}
-    for i in part.tolist():
+    for i in component.tolist():
         for node in ends[i].tolist():
             at.setdefault(node, []).append(i)
     walked: list[Floats] = []
-    piece = int(part[0])
+    piece = int(component[0])
     node = int(ends[piece, 0])
-    for _ in part:
+    for _ in component:
         forward = int(ends[piece, 0]) == node
         walked.append(pieces[piece][:-1] if forward else pieces[piece][:0:-1])
         node = int(ends[piece, 1 if forward else 0])
@@ -82,9 +82,9 @@ def loop(pieces: Sequence[Floats], ends: Ints, part: Ints) -> Floats:
     return np.concatenate(walked)
 
 
-def regions(pieces: Sequence[Floats], part: Ints, source: str) -> list[Rings]:
+def regions(pieces: Sequence[Floats], component: Ints, source: str) -> list[Rings]:
     """The rings of every region that connected pieces bound."""
-    lines = [shapely.LineString(pieces[i]) for i in part.tolist()]
+    lines = [shapely.LineString(pieces[i]) for i in component.tolist()]
     found, cuts, dangles, broken = shapely.polygonize_full(lines)
     for stray in (*cuts.geoms, *dangles.geoms, *broken.geoms):
         raise DomainError(
@@ -103,7 +103,8 @@ def open_message(pieces: Sequence[Floats], ends: Ints, piece: int, side: int, me
         return f"{line}; close the outline"
     gaps = np.linalg.norm(tips - here, axis=1)
     nearest = int(np.argmin(gaps))
-    return f"{line}, the nearest open end is {gaps[nearest]:.3g} away at {place(tips[nearest])}; close the outline"
+    line = f"{line}, the nearest open end is {gaps[nearest]:.3g} away at {place(tips[nearest])}"
+    return f"{line}; close the gap, or remove the curve"
 
 
 def joined(pieces: Sequence[Floats], tolerance: float, source: str) -> tuple[list[Floats], Ints]:

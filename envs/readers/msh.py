@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.polygons.rings import LARGEST_COORDINATE, check_rings, extent
+from envs.polygons.rings import check_coordinates, check_rings, extent
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
 from envs.readers.source import excerpt
@@ -50,8 +50,8 @@ class Section:
     order: str
     at: int = 0
 
-    def take(self, kind: str, count: int) -> np.ndarray:
-        """The next numbers of a kind, (count,).
+    def take(self, dtype: str, count: int) -> np.ndarray:
+        """The next numbers of a type, (count,).
 
         Raises:
             ValueError: the section ends before, or holds something else.
@@ -61,23 +61,23 @@ class Section:
         if self.numbers is not None:
             numbers = self.numbers[self.at : self.at + count]
             self.at += count
-            if kind != FLOAT:
+            if dtype != FLOAT:
                 if not (np.abs(numbers) <= LARGEST_WHOLE).all() or (numbers != np.floor(numbers)).any():
                     raise ValueError("a number that is not whole")
                 numbers = numbers.astype(np.int64)
         else:
-            stored = np.dtype(self.order + kind)
+            stored = np.dtype(self.order + dtype)
             size = count * stored.itemsize
             numbers = np.frombuffer(self.content[self.at : self.at + size], dtype=stored)
             self.at += size
-            numbers = numbers.astype(np.float64 if kind == FLOAT else np.int64)
+            numbers = numbers.astype(np.float64 if dtype == FLOAT else np.int64)
         if len(numbers) != count:
             raise ValueError("a section ends too early")
         return numbers
 
-    def one(self, kind: str) -> int:
+    def one(self, dtype: str) -> int:
         """The next whole number."""
-        return int(self.take(kind, 1)[0])
+        return int(self.take(dtype, 1)[0])
 
 
 @dataclass
@@ -97,7 +97,7 @@ class Mesh:
     surfaces: list[Ints] = field(default_factory=list)
 
 
-def polygons_of_msh(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every surface in a mesh.
 
     Raises:
@@ -113,8 +113,7 @@ def polygons_of_msh(path: Path, edge_length: float | None = None) -> list[list[A
     used = np.concatenate([np.unique(block) for block in (*mesh.lines, *mesh.corners)] or [np.empty(0, np.int64)])
     if not len(used):
         raise DomainError(f"{source}: no line and no surface elements; save the boundary with the mesh")
-    if not (np.abs(mesh.points[used]) <= LARGEST_COORDINATE).all():
-        raise DomainError(f"{source}: a coordinate is not finite or too large; correct the nodes")
+    check_coordinates(mesh.points[used], source, lambda _: "a node")
     heights = mesh.points[used, 2]
     if np.ptp(heights) > FLAT * extent(mesh.points[used, :2]):
         raise DomainError(
@@ -229,21 +228,21 @@ def elements_2(data: Section, binary: bool, mesh: Mesh, index: Index) -> Mesh:
     found: dict[int, tuple[list[Ints], list[Ints]]] = {}
     while total > 0:
         if binary:
-            kind, count, tags = data.take(INT, 3).tolist()
+            element_type, count, tags = data.take(INT, 3).tolist()
         else:
-            (_, kind, tags), count = data.take(INT, 3).tolist(), 1
-        nodes = ELEMENTS[kind][2] if kind in ELEMENTS else unknown(kind)
+            (_, element_type, tags), count = data.take(INT, 3).tolist(), 1
+        nodes = ELEMENTS[element_type][2] if element_type in ELEMENTS else unknown(element_type)
         if count < 1 or tags < 0:
             raise ValueError("a negative count")
         width = tags + nodes + binary
         block = data.take(INT, count * width).reshape(count, width)
         surface = block[:, binary + 1] if tags > 1 else np.zeros(count, dtype=np.int64)
-        blocks, surfaces = found.setdefault(kind, ([], []))
+        blocks, surfaces = found.setdefault(element_type, ([], []))
         blocks.append(block[:, binary + tags :])
         surfaces.append(surface)
         total -= count
-    for kind, (blocks, surfaces) in found.items():
-        add(mesh, kind, index.rows(np.concatenate(blocks)), np.concatenate(surfaces))
+    for element_type, (blocks, surfaces) in found.items():
+        add(mesh, element_type, index.rows(np.concatenate(blocks)), np.concatenate(surfaces))
     return mesh
 
 
@@ -264,23 +263,23 @@ def elements_4(data: Section, mesh: Mesh, index: Index) -> Mesh:
     """The mesh with its elements of version 4.1: blocks of one type on one entity, ``number nodes...`` each."""
     blocks = data.take(SIZE, 4)[0]
     for _ in range(blocks):
-        _, surface, kind = data.take(INT, 3).tolist()
+        _, surface, element_type = data.take(INT, 3).tolist()
         count = data.one(SIZE)
-        nodes = ELEMENTS[kind][2] if kind in ELEMENTS else unknown(kind)
+        nodes = ELEMENTS[element_type][2] if element_type in ELEMENTS else unknown(element_type)
         block = data.take(SIZE, count * (1 + nodes)).reshape(count, 1 + nodes)
         if count:
-            add(mesh, kind, index.rows(block[:, 1:]), np.full(count, surface, dtype=np.int64))
+            add(mesh, element_type, index.rows(block[:, 1:]), np.full(count, surface, dtype=np.int64))
     return mesh
 
 
-def unknown(kind: int) -> int:
+def unknown(element_type: int) -> int:
     """Refuse an element type."""
-    raise ValueError(f"elements of type {kind}; lines, triangles and quadrilaterals are read")
+    raise ValueError(f"elements of type {element_type}; lines, triangles and quadrilaterals are read")
 
 
-def add(mesh: Mesh, kind: int, nodes: Ints, surface: Ints) -> None:
+def add(mesh: Mesh, element_type: int, nodes: Ints, surface: Ints) -> None:
     """Take (e, nodes) elements of a type into the mesh: their corners, and of curved lines the nodes between too."""
-    dimension, corners, _ = ELEMENTS[kind]
+    dimension, corners, _ = ELEMENTS[element_type]
     if dimension == 1:
         along = np.concatenate([nodes[:, :1], nodes[:, 2:], nodes[:, 1:2]], axis=1)
         mesh.lines.append(np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2))

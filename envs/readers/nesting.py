@@ -42,10 +42,10 @@ def nested(groups: Sequence[Sequence[Rings]], source: str) -> list[Rings]:
     """
     check_rings(sum(len(rings) for group in groups for rings in group), source)
     groups = without_copies(groups)
-    outlines = [outline_of(group) for group in groups]
-    shapes = [shape_of(outline) for outline in outlines]
-    areas = shapely.area(shapes).tolist()
-    around = containing(shapes, areas, source)
+    borders = [outermost(group) for group in groups]
+    regions = [enclosed(border) for border in borders]
+    areas = shapely.area(regions).tolist()
+    around = containing(regions, areas, source)
     # The solid groups around each; a hole has one, unless the groups cross each other after all.
     solid = [[p for p in outer if len(around[p]) % 2 == 0] for outer in around]
     holes: dict[int, list[int]] = {}
@@ -56,9 +56,9 @@ def nested(groups: Sequence[Sequence[Rings]], source: str) -> list[Rings]:
         else:
             polygons |= {(g, f): list(rings) for f, rings in enumerate(group)}
     for parent, inside in holes.items():
-        found = faces_around(groups[parent], [outlines[g][0] for g in inside])
+        found = faces_around(groups[parent], [borders[g][0] for g in inside])
         for g, face in zip(inside, found, strict=True):
-            polygons[parent, face].extend(outlines[g])
+            polygons[parent, face].extend(borders[g])
     return list(polygons.values())
 
 
@@ -71,19 +71,19 @@ def without_copies(groups: Sequence[Sequence[Rings]]) -> list[Sequence[Rings]]:
     return list(kept.values())
 
 
-def outline_of(group: Sequence[Rings]) -> Rings:
+def outermost(group: Sequence[Rings]) -> Rings:
     """The outermost rings of a group's faces together."""
     if len(group) == 1:
         return [group[0][0]]
     whole = shapely.union_all([shapely.Polygon(rings[0]) for rings in group])
-    return [np.asarray(part.exterior.coords)[:-1] for part in shapely.get_parts(whole)]
+    return [np.asarray(polygon.exterior.coords)[:-1] for polygon in shapely.get_parts(whole)]
 
 
-def containing(shapes: Sequence[shapely.Geometry], areas: Sequence[float], source: str) -> list[list[int]]:
-    """For each shape the larger ones that contain it."""
-    found: list[list[int]] = [[] for _ in shapes]
+def containing(regions: Sequence[shapely.Geometry], areas: Sequence[float], source: str) -> list[list[int]]:
+    """For each region the larger ones that contain it."""
+    found: list[list[int]] = [[] for _ in regions]
     total = 0
-    for inner, outer in pairs_of(shapely.STRtree(shapes), shapely.point_on_surface(shapes), "within"):
+    for inner, outer in pairs_of(shapely.STRtree(regions), shapely.point_on_surface(regions), "within"):
         total += len(inner)
         if total > MOST_INSIDE:
             raise DomainError(f"{source}: too many rings inside each other; remove copies, or split the file")
@@ -93,10 +93,10 @@ def containing(shapes: Sequence[shapely.Geometry], areas: Sequence[float], sourc
     return found
 
 
-def shape_of(outline: Rings) -> shapely.Geometry:
-    """What an outline encloses; nothing when it is broken, which is for the checks of the rings to say."""
-    shapes = [shapely.Polygon(r) for r in outline if len(r) > 2 and (np.abs(r) <= LARGEST_COORDINATE).all()]
-    whole = shapely.MultiPolygon(shapes)
+def enclosed(border: Rings) -> shapely.Geometry:
+    """What a border encloses; nothing when it is broken, which is for the checks of the rings to say."""
+    regions = [shapely.Polygon(r) for r in border if len(r) > 2 and (np.abs(r) <= LARGEST_COORDINATE).all()]
+    whole = shapely.MultiPolygon(regions)
     return whole if whole.is_valid else shapely.MultiPolygon()
 
 
@@ -104,7 +104,7 @@ def faces_around(group: Sequence[Rings], holes: Sequence[Floats]) -> list[int]:
     """For each hole, which face of a group contains it."""
     if len(group) == 1:
         return [0] * len(holes)
-    shapes = np.array([shapely.Polygon(rings[0]) for rings in group])
-    tree, areas = shapely.STRtree(shapes), shapely.area(shapes)
+    regions = np.array([shapely.Polygon(rings[0]) for rings in group])
+    tree, areas = shapely.STRtree(regions), shapely.area(regions)
     places = [shapely.Polygon(hole).point_on_surface() for hole in holes]
     return [min(tree.query(at, predicate="within").tolist(), key=areas.__getitem__, default=0) for at in places]

@@ -1,4 +1,4 @@
-"""Polygons as Python programs hold them: arrays, lists, shapely's shapes, GeoJSON-like mappings."""
+"""Polygons as Python programs hold them: arrays, lists, shapely's geometries, GeoJSON-like mappings."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ import numpy as np
 import shapely
 
 from envs.readers.geojson import polygons_of_geojson, polygons_of_rings
-from envs.readers.wkt import polygons_of_shape
+from envs.readers.wkt import polygons_of_geometry
 from envs.types import DomainError
 
 
-def polygons_of(shape: Any, source: str) -> list[list[Any]]:
-    """The rings of every polygon in a Python object; see :func:`envs.domains.load.from_shape`.
+def polygons_of(given: Any, source: str) -> list[list[Any]]:
+    """The rings of every polygon in a Python object; see :func:`envs.domains.load.from_object`.
 
     Raises:
         DomainError: an object that holds no polygon.
     """
-    if isinstance(shape, shapely.Geometry):
-        return polygons_of_shape(shape, source)
-    if isinstance(shape, Mapping):
-        if "rings" in shape:
-            return polygons_of_rings(shape, source)
-        return polygons_of_geojson(shape, source)
-    if hasattr(shape, "__geo_interface__"):
-        return polygons_of_geojson(shape.__geo_interface__, source)
-    if is_list(shape) and len(shape) and all(isinstance(part, shapely.Geometry) for part in shape):
-        return [rings for part in shape for rings in polygons_of_shape(part, source)]
-    depth = depth_of(shape)
+    if isinstance(given, shapely.Geometry):
+        return polygons_of_geometry(given, source)
+    if isinstance(given, Mapping):
+        if "rings" in given:
+            return polygons_of_rings(given, source)
+        return polygons_of_geojson(given, source)
+    if hasattr(given, "__geo_interface__"):
+        return polygons_of_geojson(given.__geo_interface__, source)
+    if is_list(given) and len(given) and all(isinstance(geometry, shapely.Geometry) for geometry in given):
+        return [rings for geometry in given for rings in polygons_of_geometry(geometry, source)]
+    depth = depth_of(given)
     if depth == 2:
-        return [[shape]]
+        return [[given]]
     if depth == 3:
-        return [list(shape)]
-    if depth == 4 and all(is_list(rings) and len(rings) for rings in shape):
-        return [list(rings) for rings in shape]
+        return [list(given)]
+    if depth == 4 and all(is_list(rings) and len(rings) for rings in given):
+        return [list(rings) for rings in given]
     raise DomainError(
-        f"{source}: a {type(shape).__name__} where a polygon is needed; give an (n, 2) array, a list of rings, a "
+        f"{source}: a {type(given).__name__} where a polygon is needed; give an (n, 2) array, a list of rings, a "
         "shapely Polygon or a GeoJSON mapping"
     )
 

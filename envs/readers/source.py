@@ -7,15 +7,9 @@ from pathlib import Path
 
 from envs.types import DomainError
 
-#: Bytes of a polygon file at most: a hundred for each vertex ...
-MOST_BYTES = 100_000_000
 
-#: ... but where each takes more time and memory, or where most are of no outline.
-MOST_BYTES_OF = {".dxf": 20_000_000, ".geo": 20_000_000, ".msh": 200_000_000}
-
-
-def check_file(path: Path) -> None:
-    """Refuse what is no file, or too large a one.
+def check_file(path: Path, most: int) -> None:
+    """Refuse what is no file, or one of more than ``most`` bytes.
 
     Raises:
         DomainError: no such file, a folder or a device, no permission, or too many bytes.
@@ -32,7 +26,6 @@ def check_file(path: Path) -> None:
         raise DomainError(f"{path!r}: cannot be read ({error}); check the path") from None
     if not stat.S_ISREG(status.st_mode):
         raise DomainError(f"{path}: cannot be read (not a regular file); save the polygon to one")
-    most = MOST_BYTES_OF.get(path.suffix.lower(), MOST_BYTES)
     if status.st_size > most:
         raise DomainError(
             f"{path}: {status.st_size / 1e6:.0f} MB, more than the {most / 1e6:.0f} MB such a file may have; "
@@ -57,5 +50,5 @@ def text_of(path: Path) -> str:
     except OSError as error:
         raise DomainError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
     if not text.strip():
-        raise DomainError(f"{path}: the file is empty; give a polygon")
+        raise DomainError(f"{path}: the file is empty; write a polygon into it")
     return text

@@ -21,7 +21,7 @@ from envs.types import DomainError, Floats
 MOST_OTHER_LINES = 100_000
 
 
-def polygons_of_table(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every polygon in a table of vertices."""
     rings = rings_of_table(text_of(path), str(path))
     return nested([[[ring]] for ring in rings], str(path))

@@ -6,8 +6,10 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from envs.readers.formats import FORMATS as READ
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
 
@@ -21,8 +23,7 @@ POOR = 0.5
 REMEDIES = ("next vertex", "wide", "filled")
 
 DESCRIPTION = """\
-Mesh a polygon: a file (GeoJSON, WKT, DXF, CSV, Gmsh .geo or .msh, JSON list of [x, y]; see docs/polygons.md), a name
-of the catalogue, random-SEED or part-SEED.
+Mesh a polygon: a file, a name of the catalogue, random-SEED or part-SEED.
 """
 
 EPILOG = """\
@@ -33,12 +34,25 @@ examples:
   freemesh mesh D4 --best-of 8 --quadratic -o d4.bdf
 
 Of several polygons in a file, each gets a file of its own: part-0.inp, part-1.inp, ...
+
+polygon files, by their suffix:
 """
+
+
+def format_lines() -> str:
+    """A line for each format that is read, as the help shows it."""
+    lines = []
+    for format in READ:
+        meaning = f"{format.name}: {format.meaning.replace('`', '')}"
+        lines.append(
+            fill(meaning, 114, initial_indent=f"  {' '.join(format.suffixes):<22}", subsequent_indent=" " * 24)
+        )
+    return "\n".join(lines)
 
 
 def add(commands: Any) -> None:
     """Add the command to the grammar."""
-    mesh = add_command(commands, "mesh", "mesh a polygon", DESCRIPTION, EPILOG)
+    mesh = add_command(commands, "mesh", "mesh a polygon", DESCRIPTION, EPILOG + format_lines())
     mesh.add_argument("domain", metavar="POLYGON")
     mesh.add_argument("-o", "--output", required=True, action="append", metavar="OUT",
                       help=f"file to write: {', '.join(f'{suffix} ({one.name})' for suffix, one in FORMATS.items())}, "

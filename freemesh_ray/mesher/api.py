@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from envs.domains.load import from_shape, load_all
+from envs.domains.load import from_object, load_all
 from envs.mesh import Mesh as PlainMesh
 from envs.types import Domain, DomainError
 from freemesh_ray import export, plots
@@ -102,7 +102,7 @@ def mesh(
 
     Args:
         polygon: a file's path, a shapely Polygon, an (n, 2) array, or what else ``domains.load.load_all`` and
-            ``from_shape`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
+            ``from_object`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
         grading: largest over smallest piece; 1: all alike.
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
@@ -118,7 +118,7 @@ def mesh(
     if isinstance(polygon, str | os.PathLike):
         domains = load_all(polygon, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
     else:
-        domains = from_shape(
+        domains = from_object(
             polygon, name or "polygon", fix_parity=fix_parity, edge_length=edge_length, grading=grading
         )
     if len(domains) != 1:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.domains.conforming import domains_of
+from envs.polygons.domain import domains_of
 from envs.polygons.rings import as_ring
 from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError
@@ -174,5 +174,5 @@ def not_a_number(word: str) -> float:
 
 def in_parameters(line: str) -> str:
     """A line that advises options of the command, with the names of a request's parameters instead."""
-    line = line.replace("--fix-parity", "fix_parity=true")
+    line = re.sub(r" \(\w+=\w* in Python\)", "", line).replace("--fix-parity", "fix_parity=true")
     return re.sub(r"--(\w+)-(\w+)", r"\1_\2", line)

@@ -1,7 +1,7 @@
-"""The catalogue's shapes: data and drawings, rewritten by ``python -m envs.domains.catalogue.design``.
+"""The catalogue's domains: data and drawings, rewritten by ``python -m envs.domains.catalogue.design``.
 
 T1 to T3 are for training, from mild to hard: sharp angles, bottlenecks and uneven segments. D1 to D3 are one smooth
-shape at three densities, D4 to D6 go from simple to complex, D7 to D9 have sharp angles, narrow regions and uneven
+polygon at three densities, D4 to D6 go from simple to complex, D7 to D9 have sharp angles, narrow regions and uneven
 segments, D9 a hole.
 """
 
@@ -17,7 +17,7 @@ import shapely
 
 from envs.domains import outline_families
 from envs.polygons import outline
-from envs.polygons.polygon import from_rings
+from envs.polygons.domain import from_rings
 from envs.types import Floats
 
 FOLDER = Path(__file__).parent
@@ -28,7 +28,7 @@ PERIMETER = 15.1
 
 @dataclass(frozen=True)
 class Design:
-    """One shape of the catalogue.
+    """One domain of the catalogue.
 
     Attributes:
         name: its name, and its files'.
@@ -42,7 +42,7 @@ class Design:
 
 
 def mirrored(half: Sequence[Sequence[float]]) -> list[Sequence[float]]:
-    """Controls of a shape that is symmetric in x = 0, from those of its right half, top to bottom, both on the axis."""
+    """Controls symmetric in x = 0, from those of the right half, top to bottom, its first and last on the axis."""
     left = [(-row[0], *row[1:]) for row in half[-2:0:-1]]
     return [*half, *left][::-1]
 
@@ -94,11 +94,11 @@ def duck(name: str, vertices: int) -> Design:
 
 def bracket() -> Design:
     """D4: an L of rounded corners with a foot."""
-    shape = shapely.union_all([
+    polygon = shapely.union_all([
         shapely.box(-2.0, -1.5, -1.0, 1.8), shapely.box(-2.0, -1.5, 2.2, -0.6), shapely.box(1.4, -1.5, 2.2, 0.2)
     ])  # fmt: skip
     return Design("D4", "bracket: straight sides, rounded corners", [
-        outline.discretise(outline_families.exterior(rounded(shape, 0.22)), 84)
+        outline.discretise(outline_families.exterior(rounded(polygon, 0.22)), 84)
     ])  # fmt: skip
 
 
@@ -108,9 +108,9 @@ def gear() -> Design:
     pitch = 2 * np.pi / teeth
     profile = [(-0.30, 1.45), (-0.17, 2.0), (0.17, 2.0), (0.30, 1.45)]
     polar = [(pitch * (k + turn), radius) for k in range(teeth) for turn, radius in profile]
-    shape = shapely.Polygon([(r * np.cos(a), r * np.sin(a)) for a, r in polar])
+    polygon = shapely.Polygon([(r * np.cos(a), r * np.sin(a)) for a, r in polar])
     return Design("D5", "gear: eleven rounded teeth", [
-        outline.discretise(outline_families.exterior(rounded(shape, 0.09)), 154)
+        outline.discretise(outline_families.exterior(rounded(polygon, 0.09)), 154)
     ])  # fmt: skip
 
 
@@ -128,9 +128,9 @@ def hand() -> Design:
     ])  # fmt: skip
 
 
-def rounded(shape: shapely.Geometry, radius: float) -> shapely.Geometry:
-    """A shape opened and closed by a disc, so that its corners of either kind become arcs."""
-    smaller = shape.buffer(-radius, quad_segs=32)
+def rounded(polygon: shapely.Geometry, radius: float) -> shapely.Geometry:
+    """A polygon opened and closed by a disc, so that its corners convex and reflex alike, become arcs."""
+    smaller = polygon.buffer(-radius, quad_segs=32)
     return smaller.buffer(2 * radius, quad_segs=32).buffer(-radius, quad_segs=32)
 
 
@@ -158,9 +158,9 @@ def snake() -> Design:
     head = 0.3 * np.exp(-(((left - 0.75) / 0.42) ** 2))
     width = np.minimum.reduce([body + head, 0.25 * length, 0.52 * left])
     across = width[:, None] * np.stack([-along[:, 1], along[:, 0]], axis=1)
-    shape = shapely.Polygon(np.concatenate([line - across, (line + across)[::-1]]))
+    polygon = shapely.Polygon(np.concatenate([line - across, (line + across)[::-1]]))
     spacing = outline.near([(0.0, 0.0), tuple(line[-1])], 3.5, 2.8)
-    ring = outline.discretise(outline_families.exterior(shape), 236, spacing)
+    ring = outline.discretise(outline_families.exterior(polygon), 236, spacing)
     return Design("D8", "snake: a long narrow strip with pointed ends", [ring])
 
 

@@ -187,7 +187,7 @@ def test_polygons_of_shapely_are_accepted() -> None:
 
 def test_odd_rings_offer_the_fix_and_take_it() -> None:
     ring = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 2.0], [0.0, 1.0]])
-    with pytest.raises(DomainError, match=r"5 boundary vertices.*odd.*--fix-parity \(split the longest segment\)"):
+    with pytest.raises(DomainError, match=r"5 boundary vertices.*odd.*use --fix-parity \(fix_parity=True in Python\)"):
         from_rings(ring)
     domain = from_rings(ring, fix_parity=True)
     np.testing.assert_array_equal(domain.points, np.insert(ring, 1, [1.5, 0.0], axis=0))

@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 
 from envs.domains import random_domain as generator
 from envs.domains.load import load
-from envs.domains.random_domain import FAMILIES, RandomDomains, random_domain
+from envs.domains.random_domain import (
+    FAMILIES,
+    LEAST_ANGLE,
+    LEAST_CLEARANCE,
+    LEAST_SEGMENT,
+    RandomDomains,
+    random_domain,
+)
+from envs.polygons.turning import signed_angles
 from envs.types import Domain, DomainError
 
 SAMPLE = range(0, 2001, 23)
@@ -46,6 +54,24 @@ def test_sound(sample: list[Domain]) -> None:
         assert domain.area > 0
         lines = shapely.union_all(shapely.linestrings(domain.points[domain.segments]))
         assert shapely.get_num_geometries(lines) == len(domain.segments), domain.name
+
+
+def test_roomy(sample: list[Domain]) -> None:
+    for domain in sample:
+        ends = domain.points[domain.segments]
+        ahead = ends[:, 1] - ends[:, 0]
+        length = np.linalg.norm(ahead, axis=1)
+        before = np.argsort(domain.segments[:, 1])  # the segment that ends where each one begins
+        assert length.min() >= LEAST_SEGMENT * length.mean()
+        assert np.abs(signed_angles(ahead, -ahead[before])).min() >= LEAST_ANGLE
+        local = 0.5 * (length + length[before])
+        apart = shapely.distance(shapely.points(ends[:, 0])[:, None], shapely.linestrings(ends)[None])
+        for near in (0, 1):  # a vertex's own segments, and their neighbours
+            here = domain.segments[:, near]
+            apart[(here[None] == np.arange(len(ends))[:, None])] = np.inf
+            apart[(here[None] == domain.segments[:, 1][:, None])] = np.inf
+            apart[(here[None] == domain.segments[before, 0][:, None])] = np.inf
+        assert (apart.min(axis=1) >= LEAST_CLEARANCE * local).all(), domain.name
 
 
 def test_repeatable(sample: list[Domain]) -> None:

@@ -9,7 +9,7 @@ import shapely
 from envs.domains import outline_families, part_families
 from envs.domains.load import load
 from envs.domains.part_families import FAMILIES
-from envs.domains.random_part import ALL, FEWEST, MOST, random_part
+from envs.domains.random_part import ALL, FEWEST, MOST, NEIGHBOURS, random_part
 from envs.types import Domain, DomainError
 
 SEEDS = range(0, 1200, 7)
@@ -48,6 +48,14 @@ def test_segments_are_of_a_size(parts: list[Domain]) -> None:
     ratios = [lengths(part).max() / lengths(part).min() for part in parts]
     assert np.mean(np.array(ratios) < 2.0) > 0.4, "many are evenly spaced"
     assert np.mean(np.array(ratios) > 2.0) > 0.2, "many are graded"
+
+
+def test_neighbouring_segments_are_alike(parts: list[Domain]) -> None:
+    for part in parts:
+        length = lengths(part)
+        before = np.argsort(part.segments[:, 1])  # the segment that ends where each one begins
+        assert (length <= (1 + 1e-12) * NEIGHBOURS * length[before]).all()
+        assert (length[before] <= (1 + 1e-12) * NEIGHBOURS * length).all()
 
 
 def test_varied(parts: list[Domain]) -> None:

@@ -11,7 +11,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.domains.load import from_shape, load, load_all, rings_of
+from envs.domains.load import from_object, load, load_all, rings_of
 from envs.polygons.discretisation import discretised
 from envs.polygons.outline import corners
 from envs.polygons.sizing import GROWTH
@@ -59,7 +59,7 @@ def test_sides_are_split_evenly_and_corners_stay(
     turned = star(seed, n) @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     ring = scale * (turned + offset)
     edge_length = share * lengths(ring).min()
-    (domain,) = from_shape(ring, edge_length=edge_length)
+    (domain,) = from_object(ring, edge_length=edge_length)
     vertices = domain.points
     assert len(domain.ring) % 2 == 0
     assert set(rows(ring)) <= set(rows(vertices)), "given vertices, bit for bit"
@@ -76,11 +76,29 @@ def test_sides_are_split_evenly_and_corners_stay(
     assert added == wanted % 2
 
 
+@given(seed=st.integers(0, 1000), n=st.integers(4, 12), share=st.floats(0.1, 0.9))
+def test_an_odd_total_gets_its_vertex_where_sizes_change_least(seed: int, n: int, share: float) -> None:
+    ring = star(seed, n)
+    pieces = lengths(ring) / (share * lengths(ring).min())
+    ((vertices,),) = discretised([[ring]], "star", edge_length=share * lengths(ring).min())
+    added = np.array([len(side) - 1 for side in sides(ring, vertices)]) - np.round(pieces)
+    changes = np.abs(np.log(pieces / (np.round(pieces) + 1)))
+    assert changes[added > 0] == pytest.approx(changes.min() if added.any() else [])
+
+
+@pytest.mark.parametrize("sweep", [0.8, 1.2, 1.5])
+def test_a_coarse_ring_spends_its_vertices_on_what_is_bent(sweep: float) -> None:
+    t = np.linspace(0.0, sweep, 100)
+    vertices = from_object(np.stack([np.cos(t), np.sin(t)], axis=1), edge_length=0.9 * np.sin(sweep / 2) * 2)[0].points
+    assert len(vertices) == 4
+    np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1.0, atol=1e-3, err_msg="none on the chord")
+
+
 @pytest.mark.parametrize("edge_length", [0.03, 0.1, 0.37])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_fine_smooth_outlines_are_resampled(edge_length: float, scale: float) -> None:
     ring = scale * star(1, 2000, smooth=True)
-    (domain,) = from_shape(ring, edge_length=edge_length * scale)
+    (domain,) = from_object(ring, edge_length=edge_length * scale)
     steps = lengths(domain.points)
     assert len(steps) == pytest.approx(lengths(ring).sum() / scale / edge_length, abs=1.5)
     assert steps.max() / steps.min() < 1.0 + edge_length
@@ -93,7 +111,7 @@ def test_corners_of_a_fine_outline_stay() -> None:
     ring = np.concatenate(
         [np.stack([t, np.sin(np.pi * t)], axis=1), np.stack([1 - t, -0.3 * np.sin(np.pi * t)], axis=1)]
     )
-    (domain,) = from_shape(ring, edge_length=0.1)
+    (domain,) = from_object(ring, edge_length=0.1)
     sharp = ring[corners(ring)]
     assert len(sharp) == 2
     assert set(rows(sharp)) <= set(rows(domain.points))
@@ -102,11 +120,11 @@ def test_corners_of_a_fine_outline_stay() -> None:
 
 def test_a_gentle_vertex_between_long_sides_stays() -> None:
     ring = [[0, 0], [5, -0.4], [10, 0], [10, 5], [0, 5]]
-    assert (5.0, -0.4) in rows(from_shape(ring, edge_length=0.7)[0].points)
+    assert (5.0, -0.4) in rows(from_object(ring, edge_length=0.7)[0].points)
 
 
 def test_discretising_again_changes_nothing() -> None:
-    (once,) = from_shape([L_SHAPE, HOLE], edge_length=0.25)
+    (once,) = from_object([L_SHAPE, HOLE], edge_length=0.25)
     again = discretised([rings_of(once)], "again", edge_length=None)
     np.testing.assert_array_equal(np.concatenate(again[0]), once.points[: len(once.segments)])
 
@@ -114,7 +132,7 @@ def test_discretising_again_changes_nothing() -> None:
 @pytest.mark.parametrize("edge_length", [0.01, 0.3, 1.0, 100.0])
 def test_small_holes_keep_a_shape(edge_length: float) -> None:
     disc = shapely.Point(0, 0).buffer(0.05, quad_segs=64)
-    (domain,) = from_shape(shapely.box(-1, -1, 1, 1).difference(disc), edge_length=edge_length)
+    (domain,) = from_object(shapely.box(-1, -1, 1, 1).difference(disc), edge_length=edge_length)
     assert len(domain.ring) % 2 == 0
     assert 4 - domain.area == pytest.approx(disc.area, rel=0.4)
 
@@ -124,31 +142,31 @@ def test_outlines_that_are_too_coarse_or_too_fine_are_refused() -> None:
     with pytest.raises(
         DomainError, match=r"^polygon: with edge length 1 the boundary is too coarse: hole 0 crosses .*; use"
     ):
-        from_shape([outer, hole], edge_length=1.0)
+        from_object([outer, hole], edge_length=1.0)
     with pytest.raises(
-        DomainError, match=r"polygon: 18,800,000 vertices, at most 1,000,000 are possible; use a larger edge"
+        DomainError, match=r"polygon: 18,800,000 vertices, at most 1,000,000 are possible; use a larger --edge"
     ):
-        from_shape(L_SHAPE, edge_length=1e-6)
+        from_object(L_SHAPE, edge_length=1e-6)
 
 
 def test_holes_allow_fewer_vertices() -> None:
     with pytest.raises(
         DomainError, match=r"^polygon: 67,\d+ vertices with holes, at most 50,000 are possible; use a larger"
     ):
-        from_shape([L_SHAPE, HOLE], edge_length=0.00033)
+        from_object([L_SHAPE, HOLE], edge_length=0.00033)
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"edge_length": 0.0}, "edge length 0.0; give a positive number"),
-    ({"edge_length": -1.0}, "edge length -1.0; give a positive"),
+    ({"edge_length": 0.0}, "edge length 0.0; give --edge-length a positive number"),
+    ({"edge_length": -1.0}, "edge length -1.0; give --edge-length"),
     ({"edge_length": float("nan")}, "edge length nan"),
-    ({"edge_length": 1.0, "grading": 0.5}, "grading 0.5; give a ratio from 1"),
+    ({"edge_length": 1.0, "grading": 0.5}, "grading 0.5; give --grading a ratio from 1"),
     ({"edge_length": 1.0, "grading": float("nan")}, "grading nan"),
     ({"grading": 2.0}, "grading 2 without an edge length"),
 ])  # fmt: skip
 def test_sizes_that_are_none(options: dict[str, float], message: str) -> None:
     with pytest.raises(DomainError, match=rf"^polygon: {message}"):
-        from_shape(L_SHAPE, **options)  # type: ignore[arg-type]
+        from_object(L_SHAPE, **options)  # type: ignore[arg-type]
 
 
 def test_faults_are_told_in_terms_of_the_given_vertices(tmp_path: Path) -> None:
@@ -161,13 +179,13 @@ def test_faults_are_told_in_terms_of_the_given_vertices(tmp_path: Path) -> None:
 
 
 def test_triangles_and_odd_totals_need_nothing_but_a_length() -> None:
-    assert len(from_shape([[0, 0], [1, 0], [0, 1]], edge_length=9.0)[0].ring) == 4
-    assert len(from_shape([[0, 0], [1, 0], [0, 1]], edge_length=1.0)[0].ring) == 4
+    assert len(from_object([[0, 0], [1, 0], [0, 1]], edge_length=9.0)[0].ring) == 4
+    assert len(from_object([[0, 0], [1, 0], [0, 1]], edge_length=1.0)[0].ring) == 4
 
 
 def test_given_seams_are_discretised_once() -> None:
     seamed = [[0, 0], [1, 1], [1, 2], [2, 2], [2, 1], [1, 1], [0, 0], [4, 0], [4, 4], [0, 4]]
-    (domain,) = from_shape(seamed, edge_length=0.5)
+    (domain,) = from_object(seamed, edge_length=0.5)
     assert domain.area == 15.0
     assert len(domain.segments) == 32 + 8
     assert len(domain.points) == 40 + 2
@@ -178,8 +196,8 @@ def test_given_seams_are_discretised_once() -> None:
 
 def test_grading_one_is_even_and_more_is_finer_near_features() -> None:
     ring = np.array([[0, 0], [10, 0], [10, 5], [5.2, 5], [5.2, 4.8], [5, 4.8], [5, 5], [0, 5]], dtype=np.float64)
-    (even,) = from_shape(ring, edge_length=0.5)
-    (graded,) = from_shape(ring, edge_length=0.5, grading=5.0)
+    (even,) = from_object(ring, edge_length=0.5)
+    (graded,) = from_object(ring, edge_length=0.5, grading=5.0)
     assert len(graded.ring) > len(even.ring)
     vertices = graded.points
     assert set(rows(ring)) <= set(rows(vertices))
@@ -193,7 +211,7 @@ def test_grading_one_is_even_and_more_is_finer_near_features() -> None:
 
 
 def test_sharp_corners_draw_vertices() -> None:
-    (graded,) = from_shape([[0, 0], [10, 1.5], [0, 3]], edge_length=1.0, grading=4.0)
+    (graded,) = from_object([[0, 0], [10, 1.5], [0, 3]], edge_length=1.0, grading=4.0)
     steps, here = lengths(graded.points), graded.points
     tip = np.linalg.norm(here - [10, 1.5], axis=1) < 1.0
     assert steps[tip].max() < 0.5
@@ -254,14 +272,14 @@ def test_tiles_share_their_walls(columns: int, lines: int, edge_length: float, g
         for i in range(columns)
         for j in range(lines)
     ]
-    domains = from_shape(tiles, edge_length=edge_length, grading=grading)
+    domains = from_object(tiles, edge_length=edge_length, grading=grading)
     assert all(len(domain.ring) % 2 == 0 for domain in domains)
     walls(domains)
 
 
 def test_a_hole_that_another_polygon_fills_shares_its_boundary() -> None:
     disc = shapely.Point(2, 2).buffer(1.0, quad_segs=50)
-    plate, core = from_shape([shapely.box(0, 0, 4, 4).difference(disc), disc], edge_length=0.3)
+    plate, core = from_object([shapely.box(0, 0, 4, 4).difference(disc), disc], edge_length=0.3)
     ring = set(rows(core.points))
     assert ring <= set(rows(plate.points))
     assert len(ring) % 2 == 0
@@ -272,16 +290,16 @@ def test_odd_polygons_pass_their_vertex_on() -> None:
     t = 2 * np.pi * np.arange(5) / 5
     island = np.stack([np.cos(t), np.sin(t)], axis=1)
     outer = 4.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    plate, core = from_shape([[outer, island], [island]], fix_parity=True)
+    plate, core = from_object([[outer, island], [island]], fix_parity=True)
     assert (len(plate.segments), len(core.segments)) == (10, 6)
     assert set(rows(core.points)) <= set(rows(plate.points))
-    plate, core = from_shape([[np.insert(outer, 1, [0, -4], axis=0), island], [island]], fix_parity=True)
+    plate, core = from_object([[np.insert(outer, 1, [0, -4], axis=0), island], [island]], fix_parity=True)
     assert (len(plate.segments), len(core.segments)) == (12, 6)
 
 
 def test_vertices_on_a_neighbours_side_become_its_own() -> None:
     left, low, high = shapely.box(0, 0, 1, 2), shapely.box(1, 0, 2, 0.7), shapely.box(1, 0.7, 2, 2)
-    domains = from_shape([left, low, high], edge_length=0.45)
+    domains = from_object([left, low, high], edge_length=0.45)
     assert (1.0, 0.7) in rows(domains[0].points)
     walls(domains)
 
@@ -298,7 +316,7 @@ def test_polygons_without_a_length_are_as_given(tmp_path: Path) -> None:
 
 
 def test_the_same_input_gives_the_same_vertices() -> None:
-    one, other = (from_shape([L_SHAPE, HOLE], edge_length=0.17, grading=3.0)[0] for _ in range(2))
+    one, other = (from_object([L_SHAPE, HOLE], edge_length=0.17, grading=3.0)[0] for _ in range(2))
     assert one.points.tobytes() == other.points.tobytes()
     assert one.ring.tobytes() == other.ring.tobytes()
 

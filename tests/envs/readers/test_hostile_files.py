@@ -162,7 +162,9 @@ def test_hostile_files(tmp_path: Path, name: str, pool: ProcessPoolExecutor) -> 
 def test_curves_of_too_many_chords_are_refused_before_they_are_made(tmp_path: Path) -> None:
     path = tmp_path / "part.geo"
     path.write_text(CORNERS + "Spline(1)={" + "1,2,3," * 300 + "4};" + SIDES)
-    with pytest.raises(DomainError, match="curves of more than 1,000,000 chords; simplify them, or use a larger edge"):
+    with pytest.raises(
+        DomainError, match="curves of more than 1,000,000 chords; simplify them, or use a larger --edge-length"
+    ):
         load_all(path, edge_length=2e-5)
 
 

@@ -11,7 +11,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.domains.load import from_rings, from_shape, load
+from envs.domains.load import from_object, from_rings, load
 from envs.domains.random_domain import random_domain
 from envs.types import DomainError
 
@@ -35,7 +35,7 @@ ONE = {
 
 @pytest.mark.parametrize("shape", ONE.values(), ids=ONE.keys())
 def test_every_shape_gives_the_same_domain(shape: Any) -> None:
-    (domain,) = from_shape(shape, "plate")
+    (domain,) = from_object(shape, "plate")
     assert domain.name == "plate"
     np.testing.assert_array_equal(domain.points[:8], [*SQUARE, *HOLE])
     assert domain.area == 15.0
@@ -43,7 +43,7 @@ def test_every_shape_gives_the_same_domain(shape: Any) -> None:
 
 @pytest.mark.parametrize("shape", [SQUARE, np.array(SQUARE), np.array(SQUARE, dtype=int), shapely.LinearRing(SQUARE)])
 def test_a_ring_alone(shape: Any) -> None:
-    assert from_shape(shape)[0].area == 16.0
+    assert from_object(shape)[0].area == 16.0
 
 
 @pytest.mark.parametrize("shape", [
@@ -52,7 +52,7 @@ def test_a_ring_alone(shape: Any) -> None:
     [[SQUARE, HOLE], [np.array(SQUARE) + 9.0]],
 ])  # fmt: skip
 def test_several(shape: Any) -> None:
-    assert [domain.name for domain in from_shape(shape, "part")] == ["part[0]", "part[1]"]
+    assert [domain.name for domain in from_object(shape, "part")] == ["part[0]", "part[1]"]
 
 
 @pytest.mark.parametrize("shape", [
@@ -64,7 +64,7 @@ def test_several(shape: Any) -> None:
 def test_what_holds_no_polygon(shape: Any) -> None:
     for edge_length in (None, 1.0):
         with pytest.raises(DomainError, match=r"^plate: ") as caught:
-            from_shape(shape, "plate", edge_length=edge_length)
+            from_object(shape, "plate", edge_length=edge_length)
         assert "\n" not in str(caught.value)
 
 
@@ -78,10 +78,10 @@ def test_coordinates_are_kept_at_every_scale(seed: int, holes: int, scale: float
     points = scale * (drawn.points / drawn.diameter + offset)
     starts = [0, *(np.flatnonzero(drawn.segments[:, 1] != drawn.segments[:, 0] + 1) + 1)]
     rings = [points[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
-    (domain,) = from_shape(rings)
+    (domain,) = from_object(rings)
     np.testing.assert_array_equal(domain.points[:40], points[:40])
     np.testing.assert_array_equal(domain.points, from_rings(rings[0], rings[1:]).points)
-    (finer,) = from_shape(rings, edge_length=0.01 * scale)
+    (finer,) = from_object(rings, edge_length=0.01 * scale)
     assert {tuple(p) for p in points[:40].tolist()} <= {tuple(p) for p in finer.points.tolist()}
     assert finer.area == pytest.approx(drawn.area * (scale / drawn.diameter) ** 2, rel=1e-6)
 

@@ -1,0 +1,181 @@
+"""Coordinates become domains: the whole way, top to bottom.
+
+::
+
+    polygons  -- checked -->  valid rings  -- joined -->  domains
+                               |         ^
+                          discretised  checked again: coarse segments may cross where the outline did not
+                               v         |
+                         rings of even totals
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+
+from envs.polygons import ring_with_seams, seam
+from envs.polygons.discretisation import discretised
+from envs.polygons.parity import with_even_count
+from envs.polygons.rings import (
+    EDGE_LENGTH,
+    OUTER_LEAST,
+    as_ring,
+    check_count,
+    check_crossings,
+    check_distinct,
+    check_least,
+    check_nesting,
+    segment_graph,
+)
+from envs.polygons.sizing import check_sizes
+from envs.types import Domain, DomainError, Floats
+
+
+def domains_of(
+    polygons: Sequence[Sequence[ArrayLike]],
+    name: str,
+    source: str,
+    *,
+    fix_parity: bool = False,
+    edge_length: float | None = None,
+    grading: float = 1.0,
+) -> list[Domain]:
+    """The domain of each polygon, with common points where they share their boundary.
+
+    Args:
+        polygons: for each its rings, the outer one first; nothing is checked yet. A ring alone may walk seams to its
+            holes.
+        name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
+        source: what messages begin with.
+        fix_parity: split the longest segment when a polygon's total of vertices is odd.
+        edge_length: discretise the outlines by this length; their totals are then even.
+        grading: largest size over the smallest, 1 to 1000; needs an edge length.
+
+    Raises:
+        DomainError: the first polygon that cannot be meshed, with its number when there are several.
+    """
+    check_sizes(edge_length, grading, source)
+    names, sources = [name], [source]
+    if len(polygons) > 1:
+        names = [f"{name}[{i}]" for i in range(len(polygons))]
+        sources = [f"{source}: polygon {i}" for i in range(len(polygons))]
+    valid: Iterable[list[Floats]]
+    if edge_length is None and not (fix_parity and len(polygons) > 1):
+        valid = (checked(rings, where) for rings, where in zip(polygons, sources, strict=True))
+    else:
+        # What is wrong with an outline is said in terms of its own vertices, before it gets others.
+        outlines = [checked(rings, where, least=3) for rings, where in zip(polygons, sources, strict=True)]
+        split = discretised(outlines, source, edge_length=edge_length, grading=grading)
+        valid = (checked_again(rings, where, edge_length) for rings, where in zip(split, sources, strict=True))
+    return [
+        joined(rings, called, where, fix_parity) for rings, called, where in zip(valid, names, sources, strict=True)
+    ]
+
+
+def checked(rings: Sequence[ArrayLike], source: str, least: int = OUTER_LEAST) -> list[Floats]:
+    """Valid rings, each (n, 2): none crosses or touches itself or another, and the holes lie side by side.
+
+    Args:
+        rings: the outer one first; one alone may walk seams to its holes.
+        source: what messages begin with.
+        least: vertices that an outer ring needs.
+
+    Raises:
+        DomainError: what makes them unfit for a mesh of quadrilaterals: source, place and fix in one line.
+    """
+    valid = [as_ring(ring, source, i, least=least) for i, ring in enumerate(rings)]
+    if has_seams(valid):
+        ring_with_seams.check(source, valid[0])
+    else:
+        check_apart(valid, source)
+    return valid
+
+
+def check_apart(rings: Sequence[Floats], source: str) -> None:
+    """Refuse rings, the outer one first, that meet themselves or each other, and holes that are not side by side."""
+    graph = segment_graph(rings, source)
+    check_distinct(graph)
+    check_crossings(graph)
+    check_nesting(rings, source)
+
+
+def checked_again(rings: list[Floats], source: str, edge_length: float | None) -> list[Floats]:
+    """Discretised rings, still valid; a midpoint more, where there was no edge length, breaks nothing."""
+    if edge_length is None:
+        check_least(len(rings[0]), source)
+        return rings
+    try:
+        return checked(rings, source)
+    except DomainError as error:
+        told = str(error).removeprefix(f"{source}: ").partition(";")[0]
+        raise DomainError(
+            f"{source}: with edge length {edge_length:g} the boundary is too coarse: {told}; use a smaller "
+            f"{EDGE_LENGTH}"
+        ) from None
+
+
+def joined(rings: list[Floats], name: str, source: str, fix_parity: bool) -> Domain:
+    """The domain of valid rings.
+
+    Raises:
+        DomainError: too many vertices, or an odd total without ``fix_parity``.
+    """
+    if has_seams(rings):
+        return ring_with_seams.opened(name, source, rings[0], fix_parity)
+    check_count(sum(len(ring) for ring in rings), source, holes=len(rings) > 1)
+    return seam.join(name, with_even_count(rings, source, fix_parity))
+
+
+def has_seams(rings: Sequence[Floats]) -> bool:
+    """Whether one ring alone visits points more than once: it walks seams, or pinches itself."""
+    return len(rings) == 1 and len(np.unique(rings[0], axis=0)) < len(rings[0])
+
+
+def from_rings(
+    outer: ArrayLike, holes: Sequence[ArrayLike] = (), name: str = "polygon", *, fix_parity: bool = False
+) -> Domain:
+    """The domain inside an outer ring and outside some holes.
+
+    Either orientation is accepted; a closing point that repeats the first is dropped; no coordinate is moved.
+
+    Args:
+        outer: n >= 4 pairs of numbers.
+        holes: each n >= 3 pairs of numbers.
+        name: what messages, tables and files call the domain.
+        fix_parity: split the longest segment at its midpoint when the total number of vertices is odd.
+
+    Returns:
+        The domain; its points are the outer ring's in counter-clockwise order, each hole's, then the seams'.
+
+    Raises:
+        DomainError: what makes it unfit for a mesh of quadrilaterals: source, place and fix in one line.
+    """
+    rings = [as_ring(ring, name, i) for i, ring in enumerate([outer, *holes])]
+    check_apart(rings, name)
+    return joined(rings, name, name, fix_parity)
+
+
+def from_ring_with_seam(ring: ArrayLike, name: str = "polygon", *, fix_parity: bool = False) -> Domain:
+    """The domain of one ring that may walk seams to its holes; without repeated points, as :func:`from_rings`.
+
+    Repeated points are accepted where they form seams: every edge between them walked once in each direction, the
+    inside to the left throughout. The two sides of a seam must be equal number for number.
+
+    Raises:
+        DomainError: as :func:`from_rings`; repeated points that are no seam are a pinch.
+    """
+    return joined(checked([ring], name), name, name, fix_parity)
+
+
+def from_polygon(polygon: shapely.Polygon, name: str = "polygon", *, fix_parity: bool = False) -> Domain:
+    """The domain of a shapely polygon; see :func:`from_rings`."""
+    if not isinstance(polygon, shapely.Polygon):
+        raise DomainError(f"{name}: a {type(polygon).__name__} where a Polygon is needed; give one polygon")
+    if polygon.is_empty:
+        raise DomainError(f"{name}: an empty polygon; give at least 4 vertices")
+    rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
+    return joined(checked(rings, name), name, name, fix_parity)

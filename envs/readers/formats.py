@@ -1,0 +1,64 @@
+"""The polygon files that are read: help, messages and the table of ``docs/polygons.md`` come from here.
+
+A new format is a file beside this one with ``polygons_of_file(path, edge_length)``, and an entry below.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Attributes:
+        name: what people call it.
+        suffixes: of its files, in lower case.
+        module: the file in this folder that reads it, imported when it is needed.
+        meaning: what of it is read, in one line of Markdown.
+        most_bytes: of a file at most: a hundred for each vertex, fewer where each takes more time and memory, more
+            where most of them are of no outline.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    module: str
+    meaning: str
+    most_bytes: int = 100_000_000
+
+
+FORMATS = (
+    Format(
+        "JSON", (".geojson", ".json"), "json_text",
+        'GeoJSON Polygon, MultiPolygon, Feature, FeatureCollection; `{"rings": [outer, hole, ...]}`; '
+        "a list of `[x, y]`",
+    ),
+    Format("WKT", (".wkt",), "wkt", "POLYGON, MULTIPOLYGON"),
+    Format("text", (".txt",), "plain_text", "a table when it begins with a number, otherwise WKT"),
+    Format(
+        "table", (".csv", ".tsv", ".xy", ".dat"), "table",
+        "rows `x y` separated by comma, semicolon, tab or spaces, with or without a header; a blank line or a third "
+        "column `ring` separates rings",
+    ),
+    Format(
+        "DXF", (".dxf",), "dxf",
+        "LINE, LWPOLYLINE, POLYLINE (with bulges), ARC, CIRCLE, ELLIPSE, SPLINE, also in inserted blocks; layers that "
+        "are off or frozen are left out",
+        most_bytes=20_000_000,
+    ),
+    Format(
+        "Gmsh script", (".geo",), "geo",
+        "points, lines, circle and ellipse arcs, splines, loops, plane surfaces, transfinite curves, variables and "
+        "expressions",
+        most_bytes=20_000_000,
+    ),
+    Format(
+        "Gmsh mesh", (".msh",), "msh",
+        "versions 2.2 and 4.1, ASCII or binary: the outline of each surface, or the loops of line elements",
+        most_bytes=200_000_000,
+    ),
+)  # fmt: skip
+
+#: The format of each suffix.
+BY_SUFFIX = {suffix: format for format in FORMATS for suffix in format.suffixes}
