@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from dataclasses import dataclass
 from functools import cache
 
-from checkout import ROOT
+from checkout import ROOT, files
 
 FENCE = re.compile(r" *```(\w*)")
 #: A comment of a command: two blanks or more, then a number sign.
@@ -32,16 +31,6 @@ class Code:
 
     def __str__(self) -> str:
         return f"{self.document}:{self.line}"
-
-
-@cache
-def files() -> tuple[str, ...]:
-    """The files that a clone would hold if all was committed, from the root."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    ).stdout.split("\0")  # fmt: skip
-    return tuple(sorted(name for name in listed if name and (ROOT / name).exists()))
 
 
 def documents() -> list[str]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from checkout import ROOT
-from documents import anchors, blocks, documents, files, inline, leads_to, links
+from checkout import ROOT, files
+from documents import anchors, blocks, documents, inline, leads_to, links
 
 #: Files that commands write: no clone has them.
 WRITTEN = {"config.yaml", "study.yaml", "trials.json"}
