@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import inlined, lean
 from envs.kernels.geometry import angle
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
@@ -280,20 +280,23 @@ def close(front: Front) -> None:
     front.measure[AREA] = 0.0
 
 
-@compiled
+@lean
 def restart(front: Front, template: Front) -> None:
     """Make ``front`` the initial front ``template`` (which may have room for no elements)."""
-    front.xy[:] = template.xy
-    front.vid[:] = template.vid
-    front.prv[:] = template.prv
-    front.nxt[:] = template.nxt
-    front.key[:] = template.key
-    front.box[:] = template.box
-    front.points[: len(template.points)] = template.points
-    front.size[: len(template.size)] = template.size
-    front.need[: len(template.need)] = template.need
-    front.counts[:] = template.counts
-    front.measure[:] = template.measure
+    for slot in range(len(template.vid)):
+        front.xy[slot, 0], front.xy[slot, 1] = template.xy[slot, 0], template.xy[slot, 1]
+        front.vid[slot], front.prv[slot], front.nxt[slot] = template.vid[slot], template.prv[slot], template.nxt[slot]
+    for node in range(len(template.key)):
+        front.key[node] = template.key[node]
+        for side in range(4):
+            front.box[node, side] = template.box[node, side]
+    for vertex in range(len(template.points)):
+        front.points[vertex, 0], front.points[vertex, 1] = template.points[vertex, 0], template.points[vertex, 1]
+        front.size[vertex], front.need[vertex] = template.size[vertex], template.need[vertex]
+    for entry in range(len(template.counts)):
+        front.counts[entry] = template.counts[entry]
+    for entry in range(len(template.measure)):
+        front.measure[entry] = template.measure[entry]
 
 
 def capacity(ring: int, parameters: MeshingParameters) -> int:
@@ -322,7 +325,7 @@ def area_bounds(domain: Domain, parameters: MeshingParameters) -> tuple[float, f
     return v * e_min**2, v * ((e_max - e_min) / parameters.kappa + e_min) ** 2
 
 
-@compiled
+@lean
 def _index(front: Front, n_rv: int) -> None:
     for slot in range(len(front.vid)):
         leaf = len(front.vid) + slot

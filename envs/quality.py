@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import inlined, lean
 from envs.kernels.geometry import angle
 from envs.types import MAX_ELEMENT_ANGLE, MIN_ELEMENT_ANGLE, Floats, Ints
 
@@ -86,7 +86,7 @@ def eta_or_bent(
     return math.sqrt(math.sqrt(2.0 * shortest2 / longest2) * q_angle)
 
 
-@compiled
+@lean
 def _convex_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
     for i in range(len(quads)):
         ax, ay = vertices[quads[i, 0]]
@@ -103,7 +103,7 @@ def convex_quality(vertices: Floats, quads: Ints) -> Floats:
     return out
 
 
-@compiled
+@lean
 def _element_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
     for i in range(len(quads)):
         ax, ay = vertices[quads[i, 0]]

@@ -23,10 +23,13 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba import njit
 from numba.core.caching import UserProvidedCacheLocator
 
+from envs.kernels.inner import InnerKernel, Kernel
+
 F = TypeVar("F", bound=Callable[..., Any])
+
+_OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True}
 
 #: The package that all kernels build on.
 BASE = Path(__file__).resolve().parent.parent
@@ -72,45 +75,57 @@ def _package_of(function: Callable[..., Any]) -> Path:
     return source.parents[max(0, len(function.__module__.split(".")) - 2)]
 
 
-def _compile(function: F, **options: Any) -> F:
-    # They are read while decorating; other users of numba in this process keep their own.
+def _entry(function: F, **options: Any) -> F:
+    """A kernel that Python calls, its machine code cached."""
+    if numba.config.DISABLE_JIT:
+        return function
+    # They are read while caching is enabled; other users of numba in this process keep their own.
     before = numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES
     numba.config.CACHE_DIR = _cache_folder(_package_of(function))
     numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{ByModule.__name__}"
     try:
-        return cast(F, njit(cache=True, error_model="numpy", nogil=True, **options)(function))
+        kernel = Kernel(function, targetoptions=_OPTIONS | options)
+        kernel.enable_caching()
     finally:
         numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES = before
+    return cast(F, kernel)
+
+
+def _inner(function: F, **options: Any) -> F:
+    """A kernel that other kernels call."""
+    if numba.config.DISABLE_JIT:
+        return function
+    return cast(F, InnerKernel(function, _OPTIONS | options, lambda: cast(Any, _entry(function))))
 
 
 def compiled(function: F) -> F:
-    """Compile on first call and keep the machine code."""
-    return _compile(function)
-
-
-def inlined(function: F) -> F:
-    """Compile, and fold the body into its callers."""
-    return _compile(function, forceinline=True)
+    """Compile for Python, on the first call, and keep the machine code."""
+    return _entry(function)
 
 
 def lean(function: F) -> F:
-    """Compile without reference counts, which loops over arrays in tuples can spend most of their time on.
+    """Compile for Python without reference counts, which loops over arrays in tuples can spend most of their time on.
 
     The function may neither make nor return arrays.
     """
-    return _compile(function, _nrt=False)
-
-
-def lean_inlined(function: F) -> F:
-    """Compile like :func:`lean`, and fold the body into its callers."""
-    return _compile(function, forceinline=True, _nrt=False)
-
-
-def fused(function: F) -> F:
-    """Compile with x * y + z rounded once: for sums of products that nothing compares bit for bit."""
-    return _compile(function, fastmath={"contract"})
+    return _entry(function, _nrt=False)
 
 
 def lean_fused(function: F) -> F:
-    """Compile like both :func:`lean` and :func:`fused`."""
-    return _compile(function, fastmath={"contract"}, _nrt=False)
+    """Compile like :func:`lean`, with x * y + z rounded once: for sums that nothing compares bit for bit."""
+    return _entry(function, fastmath={"contract"}, _nrt=False)
+
+
+def inner(function: F) -> F:
+    """Compile for other kernels, without reference counts."""
+    return _inner(function, _nrt=False)
+
+
+def inlined(function: F) -> F:
+    """Compile like :func:`inner`, and fold the body into its callers."""
+    return _inner(function, forceinline=True, _nrt=False)
+
+
+def fused(function: F) -> F:
+    """Compile like :func:`inner`, with x * y + z rounded once."""
+    return _inner(function, fastmath={"contract"}, _nrt=False)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import lean, lean_fused, lean_inlined
+from envs.kernels.compiled import fused, inlined, lean, lean_fused
 from envs.types import Floats, Ints
 
 #: An element counts as poor below this, and how much it does.
@@ -81,7 +81,7 @@ def descent(n: int) -> Descent:
     )
 
 
-@lean_inlined
+@inlined
 def power(x: float, sharp: bool) -> float:
     """x^P."""
     x *= x
@@ -91,14 +91,14 @@ def power(x: float, sharp: bool) -> float:
     return (x * x) * (x * x) if sharp else x
 
 
-@lean_inlined
+@inlined
 def root(x: float, sharp: bool) -> float:
     """x^(1/P)."""
     x = math.sqrt(math.sqrt(math.sqrt(math.sqrt(x))))
     return math.sqrt(math.sqrt(x)) if sharp else x
 
 
-@lean_inlined
+@inlined
 def turn(ux: float, uy: float, vx: float, vy: float) -> float:
     """The angle from u to v, in [0, 2 pi).
 
@@ -114,7 +114,7 @@ def turn(ux: float, uy: float, vx: float, vy: float) -> float:
     return half if cross >= 0.0 else 8.0 * _QUARTER - half
 
 
-@lean_fused
+@fused
 def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
     """Cost and derivatives of the elements in the first n lanes.
 
@@ -206,7 +206,7 @@ def cost(xy: Floats, quads: Ints, sharp: bool, gradient: Floats, lanes: Floats) 
     return total
 
 
-@lean_inlined
+@inlined
 def dot(a: Floats, b: Floats) -> float:
     """The inner product of two vectors whose length is even."""
     even = odd = 0.0
@@ -216,14 +216,14 @@ def dot(a: Floats, b: Floats) -> float:
     return even + odd
 
 
-@lean_inlined
+@inlined
 def add(a: Floats, share: float, b: Floats) -> None:
     """a += share b."""
     for i in range(len(a)):
         a[i] += share * b[i]
 
 
-@lean_inlined
+@inlined
 def measure(xy: Floats, quads: Ints, unit: Floats, sides: Ints) -> None:
     """Overwrite ``unit``, (n,) float64, with the mean length of the elements' sides at each vertex."""
     unit[:], sides[:] = 0.0, 0
@@ -239,7 +239,7 @@ def measure(xy: Floats, quads: Ints, unit: Floats, sides: Ints) -> None:
         unit[v] /= max(1, sides[v])
 
 
-@lean_inlined
+@inlined
 def scaled(raw: Floats, unit: Floats, out: Floats) -> None:
     """The gradient by positions in units."""
     for v in range(len(out) >> 1):

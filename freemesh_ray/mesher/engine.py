@@ -17,10 +17,10 @@ import numpy as np
 from envs import front as fr
 from envs.action import ACCEPTED, KINDS, decode_kind
 from envs.front import ELEMENTS, RING, Front, close, reference_slot
-from envs.kernels.compiled import compiled
+from envs.kernels.compiled import lean
 from envs.mesh import Mesh
 from envs.transition import Numbers, numbers
-from envs.types import Domain, Ints
+from envs.types import Domain, Floats, Ints
 from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
 from freemesh_ray.mesher.choice import Choice, begin, choice, found
 from freemesh_ray.mesher.detour import elements_back, is_near, mark
@@ -75,13 +75,12 @@ class Grown:
     taken_back: int
 
 
-@compiled
+@lean
 def run(
     front: Front, trail: Trail, agent: Agent, choice: Choice, tree: Tree, numbers: Numbers, cap: int,
-    exploration: float, patience: int, random: np.random.Generator, tally: Ints,
+    exploration: float, patience: int, random: np.random.Generator, tally: Ints, place: Floats,
 ) -> None:  # fmt: skip
     """Mesh a front until it is closed, has ``cap`` elements, or nothing helps."""
-    place = np.zeros(3)
     detour_end = wander_end = 0  # elements up to which the front is on a detour, or tries other vertices
     farthest = stuck = 0  # elements where it was stuck, and how often it was without getting farther
     while front.counts[RING] > 4 and front.counts[ELEMENTS] < cap:
@@ -155,7 +154,7 @@ def grow(
     log, tally = trail(room), np.zeros(2, dtype=np.int64)
     run(
         front, log, agent(policy), choice(), tree(), numbers(parameters), cap,
-        float(exploration), patience, np.random.default_rng(seed), tally,
+        float(exploration), patience, np.random.default_rng(seed), tally, np.zeros(3),
     )  # fmt: skip
     count = int(front.counts[ELEMENTS])
     complete = bool(front.counts[RING] == 0)
