@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import inlined, lean
+from envs.kernels.compiled import inlined, inner, lean
 from envs.kernels.geometry import angle
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
@@ -280,7 +280,7 @@ def close(front: Front) -> None:
     front.measure[AREA] = 0.0
 
 
-@lean
+@inner
 def restart(front: Front, template: Front) -> None:
     """Make ``front`` the initial front ``template`` (which may have room for no elements)."""
     for slot in range(len(template.vid)):
@@ -423,7 +423,8 @@ def ring_slots(front: Front) -> Ints:
     """The slots of the ring that is left, in counter-clockwise order; (ring,) int64."""
     ring = np.empty(int(front.counts[RING]), dtype=np.int64)
     if len(ring):
-        slot = int(reference_slot(front))
+        # The first of the least keys, as reference_slot finds it: the tree's leaves are its second half.
+        slot = int(np.argmin(front.key[len(front.vid) :]))
         for i in range(len(ring)):
             ring[i] = slot
             slot = int(front.nxt[slot])

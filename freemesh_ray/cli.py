@@ -173,6 +173,12 @@ def parser() -> argparse.ArgumentParser:
     bench.add_argument("--policy", metavar="FILE", help="of the mesher (default: the shipped one)")
     bench.add_argument("--seconds", type=seconds, default=5.0, help="of each measurement (5)")
     bench.add_argument("--out", default="bench", metavar="FOLDER", help="where curves and scaling are written")
+    commands.add_parser(
+        "compile",
+        help="compile all kernels now",
+        description="Compile what meshing and training call, about half a minute, once; otherwise that is done when they "
+        "are first needed. An installation with make has done it.",
+    )
     sync = commands.add_parser(
         "sync",
         help="deliver what a tracking server missed",
@@ -272,7 +278,9 @@ def mesh(options: argparse.Namespace) -> int:
     """``freemesh mesh``."""
     from envs.domain import load_all
     from freemesh_ray.api import SUFFIXES, mesh_domain
+    from freemesh_ray.compiling import Shown
     from freemesh_ray.console import mesh_line
+    from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.policy import SHIPPED, Policy
 
     outputs = [Path(output) for output in options.output]
@@ -281,6 +289,7 @@ def mesh(options: argparse.Namespace) -> int:
         options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading
     )
     policy = Policy.load(options.policy or SHIPPED[options.density])
+    warm_up(policy, Shown(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
     for i, domain in enumerate(domains):
         made = mesh_domain(domain, policy, **wishes)
@@ -332,6 +341,13 @@ def bench(options: argparse.Namespace) -> int:
     return 0
 
 
+def compile_kernels(options: argparse.Namespace) -> int:
+    """``freemesh compile``."""
+    from freemesh_ray import compiling
+
+    return compiling.run()
+
+
 def sync(options: argparse.Namespace) -> int:
     """``freemesh sync``."""
     from freemesh_ray.places import Places
@@ -352,5 +368,5 @@ def sync(options: argparse.Namespace) -> int:
 COMMANDS = {
     "train": train, "study": study_command.run, "submit": submit, "report": report_command.run, "mesh": mesh,
     "domains": domains, "compare": compare_command.run, "paper": paper_command.run, "serve": serve_command.run,
-    "bench": bench, "sync": sync,
+    "bench": bench, "compile": compile_kernels, "sync": sync,
 }  # fmt: skip

@@ -29,10 +29,11 @@ from envs.kernels.inner import InnerKernel, Kernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True}
-
 #: The package that all kernels build on.
 BASE = Path(__file__).resolve().parent.parent
+
+_OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True}
+_KERNELS: list[Kernel] = []
 
 
 def _kernel_texts(package: Path) -> Iterator[bytes]:
@@ -43,17 +44,16 @@ def _kernel_texts(package: Path) -> Iterator[bytes]:
 
 
 @functools.cache
-def _cache_folder(package: Path = BASE) -> str:
+def cache_folder(package: Path = BASE) -> str:
     """Where the machine code of a top-level package's kernels is kept."""
     digest = hashlib.sha256()
     for folder in dict.fromkeys((BASE, package)):
         for text in _kernel_texts(folder):
             digest.update(text)
-    if elsewhere := os.environ.get("NUMBA_CACHE_DIR"):
-        return str(Path(elsewhere) / f"kernels-{digest.hexdigest()[:16]}")
-    home = package / "__pycache__"
+    elsewhere = os.environ.get("NUMBA_CACHE_DIR")
+    home = Path(elsewhere) if elsewhere else package / "__pycache__"
     try:
-        home.mkdir(exist_ok=True)
+        home.mkdir(parents=True, exist_ok=True)
         writable = os.access(home, os.W_OK)
     except OSError:
         writable = False
@@ -75,27 +75,42 @@ def _package_of(function: Callable[..., Any]) -> Path:
     return source.parents[max(0, len(function.__module__.split(".")) - 2)]
 
 
-def _entry(function: F, **options: Any) -> F:
-    """A kernel that Python calls, its machine code cached."""
-    if numba.config.DISABLE_JIT:
-        return function
+def _for_python(function: Callable[..., Any], **options: Any) -> Kernel:
+    """A kernel that Python calls, its machine code kept."""
     # They are read while caching is enabled; other users of numba in this process keep their own.
     before = numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES
-    numba.config.CACHE_DIR = _cache_folder(_package_of(function))
+    numba.config.CACHE_DIR = cache_folder(_package_of(function))
     numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{ByModule.__name__}"
     try:
-        kernel = Kernel(function, targetoptions=_OPTIONS | options)
+        kernel = Kernel(function, _OPTIONS | options)
         kernel.enable_caching()
     finally:
         numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES = before
+    return kernel
+
+
+def _registered(function: F, make: Callable[[], Kernel]) -> F:
+    """The kernel of a function; the function itself where nothing is compiled."""
+    if numba.config.DISABLE_JIT:
+        return function
+    kernel = make()
+    _KERNELS.append(kernel)
     return cast(F, kernel)
 
 
+def _entry(function: F, **options: Any) -> F:
+    return _registered(function, lambda: _for_python(function, **options))
+
+
 def _inner(function: F, **options: Any) -> F:
-    """A kernel that other kernels call."""
-    if numba.config.DISABLE_JIT:
-        return function
-    return cast(F, InnerKernel(function, _OPTIONS | options, lambda: cast(Any, _entry(function))))
+    return _registered(
+        function, lambda: InnerKernel(function, _OPTIONS | options | {"_nrt": False}, lambda: _for_python(function))
+    )
+
+
+def kernels() -> list[Kernel]:
+    """All kernels of the modules imported so far."""
+    return list(_KERNELS)
 
 
 def compiled(function: F) -> F:
@@ -117,15 +132,15 @@ def lean_fused(function: F) -> F:
 
 
 def inner(function: F) -> F:
-    """Compile for other kernels, without reference counts."""
-    return _inner(function, _nrt=False)
+    """Compile for other kernels, without reference counts: what it returns holds no arrays but its arguments' parts."""
+    return _inner(function)
 
 
 def inlined(function: F) -> F:
     """Compile like :func:`inner`, and fold the body into its callers."""
-    return _inner(function, forceinline=True, _nrt=False)
+    return _inner(function, forceinline=True)
 
 
 def fused(function: F) -> F:
     """Compile like :func:`inner`, with x * y + z rounded once."""
-    return _inner(function, fastmath={"contract"}, _nrt=False)
+    return _inner(function, fastmath={"contract"})
