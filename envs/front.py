@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import inlined, inner, lean
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.geometry import angle
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
@@ -325,7 +325,7 @@ def area_bounds(domain: Domain, parameters: MeshingParameters) -> tuple[float, f
     return v * e_min**2, v * ((e_max - e_min) / parameters.kappa + e_min) ** 2
 
 
-@lean
+@compiled
 def _index(front: Front, n_rv: int) -> None:
     for slot in range(len(front.vid)):
         leaf = len(front.vid) + slot

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, lean
+from envs.kernels.compiled import compiled, inlined
 from envs.kernels.geometry import angle
 from envs.types import MAX_ELEMENT_ANGLE, MIN_ELEMENT_ANGLE, Floats, Ints
 
@@ -86,7 +86,7 @@ def eta_or_bent(
     return math.sqrt(math.sqrt(2.0 * shortest2 / longest2) * q_angle)
 
 
-@lean
+@compiled
 def _convex_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
     for i in range(len(quads)):
         ax, ay = vertices[quads[i, 0]]
@@ -99,11 +99,13 @@ def _convex_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
 def convex_quality(vertices: Floats, quads: Ints) -> Floats:
     """eta_e of every strictly convex counter-clockwise element, -1 of the others; as ``element_quality``."""
     out = np.empty(len(quads))
-    _convex_quality(np.require(vertices, np.float64, "CAW"), np.require(quads, np.int64, "CAW"), out)
+    _convex_quality(
+        np.require(vertices, np.float64, ["C", "A", "W"]), np.require(quads, np.int64, ["C", "A", "W"]), out
+    )
     return out
 
 
-@lean
+@compiled
 def _element_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
     for i in range(len(quads)):
         ax, ay = vertices[quads[i, 0]]
@@ -125,5 +127,7 @@ def element_quality(vertices: Floats, quads: Ints) -> Floats:
         (m,) float64 in [0, 1].
     """
     out = np.empty(len(quads))
-    _element_quality(np.require(vertices, np.float64, "CAW"), np.require(quads, np.int64, "CAW"), out)
+    _element_quality(
+        np.require(vertices, np.float64, ["C", "A", "W"]), np.require(quads, np.int64, ["C", "A", "W"]), out
+    )
     return out

@@ -23,7 +23,7 @@ from envs.front import (
     restart,
     row,
 )
-from envs.kernels.compiled import inlined, lean
+from envs.kernels.compiled import compiled, inlined
 from envs.observation import observe
 from envs.quality import eta_from_angles, inner_angles
 from envs.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu, mu_local, nu
@@ -172,7 +172,7 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
     front.measure[RETURN] += out.reward[i]
 
 
-@lean
+@compiled
 def start(batch: Front, templates: Front, i: int, domain: int, numbers: Numbers, out: Outcome) -> None:
     """Begin episode ``i`` of a batch on the given domain's template and observe it."""
     front = row(batch, i)
@@ -180,7 +180,7 @@ def start(batch: Front, templates: Front, i: int, domain: int, numbers: Numbers,
     look(front, numbers, out.observation[i])
 
 
-@lean
+@compiled
 def step_batch(batch: Front, actions: Floats, skip: np.ndarray, numbers: Numbers, caps: Ints, out: Outcome) -> None:
     """Step every episode of a batch, but for those in ``skip``.
 

@@ -176,8 +176,9 @@ def parser() -> argparse.ArgumentParser:
     commands.add_parser(
         "compile",
         help="compile all kernels now",
-        description="Compile what meshing and training call, about half a minute, once; otherwise that is done when they "
-        "are first needed. An installation with make has done it.",
+        description="Compile what meshing and training call, once, in about half a minute. An installation with make\n"
+        "has done it; otherwise the first mesh and the first training do.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     sync = commands.add_parser(
         "sync",

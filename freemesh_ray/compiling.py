@@ -1,4 +1,4 @@
-"""``freemesh compile``: compile all kernels now rather than when they are first needed; how far it is, for the command."""
+"""``freemesh compile``: all kernels, now rather than when they are first needed; and how compiling is shown."""
 
 from __future__ import annotations
 

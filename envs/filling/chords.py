@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.filling.fitness import DUBIOUS, cost_of
-from envs.kernels.compiled import inlined, inner, lean
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.types import Floats, Ints
 
 #: Places of a chord's point: beside the middle, by these shares of the chord's length.
@@ -36,7 +36,7 @@ CHORDS = 3
 WAYS = 5
 
 
-@lean
+@compiled
 def chord_point(xy: Floats, i: int, j: int, place: int) -> tuple[float, float]:
     """Where the point of chord i - j lies at a place in 0 .. PLACES - 1."""
     aside = ASIDE[place]
@@ -71,7 +71,7 @@ def block_cost(block: Floats, size: int) -> tuple[float, int]:
     return best, chosen
 
 
-@lean
+@compiled
 def inside(block: Floats) -> None:
     """Put the mean of the six vertices of a block into its last row."""
     x = y = 0.0
@@ -164,12 +164,13 @@ def stretches(xy: Floats) -> tuple[Floats, Ints]:
     n = len(xy)
     cost = np.full((n, n, PLACES), math.inf)
     chosen = np.zeros((n, n, PLACES, 13), dtype=np.int64)
-    memory = Memory(*np.zeros((4, 7), dtype=np.int64), np.zeros(7), np.zeros((7, 2)))
+    corner, place, size, option = (np.zeros(7, dtype=np.int64) for _ in range(4))
+    memory = Memory(corner, place, size, option, part=np.zeros(7), block=np.zeros((7, 2)))
     _stretches(xy, cost, chosen, memory)
     return cost, chosen
 
 
-@lean
+@compiled
 def _stretches(xy: Floats, cost: Floats, chosen: Ints, memory: Memory) -> None:
     """Write the costs and the blocks."""
     n = len(xy)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner, lean
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.orientation import turns_left
 from envs.quality import eta_from_angles, inner_angles
 from envs.types import Floats, Ints
@@ -57,7 +57,7 @@ def cost_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
     return 1.0 / (value * value * value * value) if value > 0.0 else math.inf
 
 
-@lean
+@compiled
 def _fitnesses(points: Floats, quads: Ints, out: Floats) -> None:
     for i in range(len(quads)):
         out[i] = fitness_of(points, quads[i, 0], quads[i, 1], quads[i, 2], quads[i, 3])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from envs.filling.fitness import cost_of
-from envs.kernels.compiled import inlined, lean
+from envs.kernels.compiled import compiled, inlined
 from envs.types import Floats, Ints
 
 #: Directions in which a point looks for a better place, and its first step as a share of its shortest edge.
@@ -42,7 +42,7 @@ def smooth(points: Floats, quads: Ints, first: int, start: Ints, stars: Ints) ->
     _smooth(points, quads, first, start, stars, np.zeros(len(points)), np.zeros(len(points)))
 
 
-@lean
+@compiled
 def _smooth(points: Floats, quads: Ints, first: int, start: Ints, stars: Ints, step: Floats, least: Floats) -> None:
     """Smooth, with (p,) float64 memory for the points' steps and the least ones that count."""
     for v in range(first, len(points)):

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, lean
+from envs.kernels.compiled import compiled, inlined
 from envs.kernels.geometry import distance2_to_segment
 from envs.kernels.orientation import turns_left
 from envs.types import Floats, Ints
@@ -72,10 +72,11 @@ def ears(xy: Floats) -> Ints:
     """The triangles of ear clipping, the best ear first: (n - 2, 3), or fewer where rounding hides the next ear."""
     n = len(xy)
     triangles = np.empty((n - 2, 3), dtype=np.int64)
-    return triangles[: _ears(xy, triangles, *np.empty((2, n), dtype=np.int64), np.empty(n))]
+    following, preceding = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    return triangles[: _ears(xy, triangles, following, preceding, np.empty(n))]
 
 
-@lean
+@compiled
 def _ears(xy: Floats, triangles: Ints, following: Ints, preceding: Ints, value: Floats) -> int:
     """Write the ears into ``triangles``, (n - 2, 3) int64; how many there are. The rest is (n,) memory."""
     n = len(xy)
@@ -118,7 +119,7 @@ def relink(across: Ints, triangle: int, old: int, new: int) -> None:
                 across[triangle, k] = new
 
 
-@lean
+@compiled
 def flip(xy: Floats, triangles: Ints, across: Ints) -> None:
     """Flip diagonals, in place, until no flip raises the worse of its two triangles."""
     flipped = True

@@ -32,7 +32,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: The package that all kernels build on.
 BASE = Path(__file__).resolve().parent.parent
 
-_OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True}
+_OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+_LEAN = {"_nrt": False}
+_FUSED = {"fastmath": {"contract"}}
 _KERNELS: list[Kernel] = []
 
 
@@ -82,30 +84,25 @@ def _for_python(function: Callable[..., Any], **options: Any) -> Kernel:
     numba.config.CACHE_DIR = cache_folder(_package_of(function))
     numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{ByModule.__name__}"
     try:
-        kernel = Kernel(function, _OPTIONS | options)
+        kernel = Kernel(function, targetoptions=_OPTIONS | options)
         kernel.enable_caching()
     finally:
         numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES = before
     return kernel
 
 
-def _registered(function: F, make: Callable[[], Kernel]) -> F:
-    """The kernel of a function; the function itself where nothing is compiled."""
+def _for_kernels(function: Callable[..., Any], **options: Any) -> Kernel:
+    """A kernel that other kernels call."""
+    return InnerKernel(function, _OPTIONS | _LEAN | options, lambda: _for_python(function, **options))
+
+
+def _registered(make: Callable[..., Kernel], function: F, **options: Any) -> F:
+    """The kernel that is made of a function; the function itself where nothing is compiled."""
     if numba.config.DISABLE_JIT:
         return function
-    kernel = make()
+    kernel = make(function, **options)
     _KERNELS.append(kernel)
     return cast(F, kernel)
-
-
-def _entry(function: F, **options: Any) -> F:
-    return _registered(function, lambda: _for_python(function, **options))
-
-
-def _inner(function: F, **options: Any) -> F:
-    return _registered(
-        function, lambda: InnerKernel(function, _OPTIONS | options | {"_nrt": False}, lambda: _for_python(function))
-    )
 
 
 def kernels() -> list[Kernel]:
@@ -114,33 +111,29 @@ def kernels() -> list[Kernel]:
 
 
 def compiled(function: F) -> F:
-    """Compile for Python, on the first call, and keep the machine code."""
-    return _entry(function)
+    """Compile for Python, on the first call, and keep the machine code.
 
-
-def lean(function: F) -> F:
-    """Compile for Python without reference counts, which loops over arrays in tuples can spend most of their time on.
-
-    The function may neither make nor return arrays.
+    The function may neither make nor return arrays: there are no reference counts, which loops over arrays in tuples
+    can spend most of their time on.
     """
-    return _entry(function, _nrt=False)
+    return _registered(_for_python, function, **_LEAN)
 
 
-def lean_fused(function: F) -> F:
-    """Compile like :func:`lean`, with x * y + z rounded once: for sums that nothing compares bit for bit."""
-    return _entry(function, fastmath={"contract"}, _nrt=False)
+def compiled_fused(function: F) -> F:
+    """Compile like :func:`compiled`, with x * y + z rounded once: for sums that nothing compares bit for bit."""
+    return _registered(_for_python, function, **_LEAN, **_FUSED)
 
 
 def inner(function: F) -> F:
-    """Compile for other kernels, without reference counts: what it returns holds no arrays but its arguments' parts."""
-    return _inner(function)
+    """Compile for other kernels, with each that Python calls; arrays that the function returns are its arguments'."""
+    return _registered(_for_kernels, function)
+
+
+def inner_fused(function: F) -> F:
+    """Compile like :func:`inner`, with x * y + z rounded once."""
+    return _registered(_for_kernels, function, **_FUSED)
 
 
 def inlined(function: F) -> F:
     """Compile like :func:`inner`, and fold the body into its callers."""
-    return _inner(function, forceinline=True)
-
-
-def fused(function: F) -> F:
-    """Compile like :func:`inner`, with x * y + z rounded once."""
-    return _inner(function, fastmath={"contract"})
+    return _registered(_for_kernels, function, forceinline=True)

@@ -68,21 +68,25 @@ class Count(Listener):
 def compiling(entries: Iterable[Kernel], tell: Tell) -> Iterator[None]:
     """Tell how far it is while the body calls kernels, of which some have no machine code yet.
 
-    Another process that is here already is waited for; what it has compiled is loaded then. Of the processor time a
-    quarter would go into collecting garbage, in vain.
+    Another process that is here already is waited for; what it has compiled is loaded then.
     """
     kernels = needed(missing(entries))
     tell(0, len(kernels))
     count = Count(kernels, tell)
-    collected = gc.isenabled()
-    with alone(), install_listener("numba:compile", count):
-        gc.disable()
-        try:
-            yield
-        finally:
-            if collected:
-                gc.enable()
+    with alone(), seldom_collected(), install_listener("numba:compile", count):
+        yield
     count.done(kernels)
+
+
+@contextmanager
+def seldom_collected() -> Iterator[None]:
+    """Let go of garbage now and then only: a quarter of the time would go into looking for it."""
+    before = gc.get_threshold()
+    gc.set_threshold(20_000, 10, 1_000)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 @contextmanager

@@ -52,7 +52,12 @@ def least_slot(key: Floats) -> int:
 
 @inner
 def least_slots(key: Floats, slots: Ints, keys: Floats) -> int:
-    """Write the slots of the least keys, in order, into ``slots``, (m,) int64, and these keys into ``keys``, (m,) float64.
+    """Write the slots of the least keys, in order, and these keys, into ``slots`` and ``keys``.
+
+    Args:
+        key: changed while this runs.
+        slots: (m,) int64.
+        keys: (m,) float64.
 
     Returns:
         How many there are, at most m.

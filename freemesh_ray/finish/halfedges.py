@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner, lean
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.types import Floats, Ints
 
 NONE = -1
@@ -294,7 +294,7 @@ def split(mesh: Halfedges, h: int, k: int) -> int:
     return new
 
 
-@lean
+@compiled
 def _link(quads: Ints, opp: Ints, out: Ints, degree: Ints, first: Ints, chain: Ints) -> None:
     """Find opposite half-edges; ``first`` and ``chain`` list the half-edges that leave each vertex."""
     for h in range(4 * len(quads)):

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import fused, inlined, lean, lean_fused
+from envs.kernels.compiled import compiled, compiled_fused, inlined, inner_fused
 from envs.types import Floats, Ints
 
 #: An element counts as poor below this, and how much it does.
@@ -114,7 +114,7 @@ def turn(ux: float, uy: float, vx: float, vy: float) -> float:
     return half if cross >= 0.0 else 8.0 * _QUARTER - half
 
 
-@fused
+@inner_fused
 def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
     """Cost and derivatives of the elements in the first n lanes.
 
@@ -173,7 +173,7 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         lanes[_DX, i], lanes[_DY, i] = cdx - dax + rx, cdy - day + ry
 
 
-@lean
+@compiled
 def cost(xy: Floats, quads: Ints, sharp: bool, gradient: Floats, lanes: Floats) -> float:
     """The sum that is minimised, and its gradient by every vertex.
 
@@ -246,7 +246,7 @@ def scaled(raw: Floats, unit: Floats, out: Floats) -> None:
         out[2 * v], out[2 * v + 1] = unit[v] * raw[v, 0], unit[v] * raw[v, 1]
 
 
-@lean_fused
+@compiled_fused
 def descend(
     xy: Floats, quads: Ints, free: int, sharp: bool, iterations: int, least_fall: float, memory: Descent
 ) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from envs import front as fr
 from envs.action import ACCEPTED, KINDS, decode_kind
 from envs.front import ELEMENTS, RING, Front, close, reference_slot
-from envs.kernels.compiled import lean
+from envs.kernels.compiled import compiled
 from envs.mesh import Mesh
 from envs.transition import Numbers, numbers
 from envs.types import Domain, Floats, Ints
@@ -75,7 +75,7 @@ class Grown:
     taken_back: int
 
 
-@lean
+@compiled
 def run(
     front: Front, trail: Trail, agent: Agent, choice: Choice, tree: Tree, numbers: Numbers, cap: int,
     exploration: float, patience: int, random: np.random.Generator, tally: Ints, place: Floats,
