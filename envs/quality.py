@@ -99,7 +99,9 @@ def _convex_quality(vertices: Floats, quads: Ints, out: Floats) -> None:
 def convex_quality(vertices: Floats, quads: Ints) -> Floats:
     """eta_e of every strictly convex counter-clockwise element, -1 of the others; as ``element_quality``."""
     out = np.empty(len(quads))
-    _convex_quality(np.ascontiguousarray(vertices, dtype=np.float64), np.asarray(quads, dtype=np.int64), out)
+    _convex_quality(
+        np.require(vertices, np.float64, ["C", "A", "W"]), np.require(quads, np.int64, ["C", "A", "W"]), out
+    )
     return out
 
 
@@ -125,5 +127,7 @@ def element_quality(vertices: Floats, quads: Ints) -> Floats:
         (m,) float64 in [0, 1].
     """
     out = np.empty(len(quads))
-    _element_quality(np.ascontiguousarray(vertices, dtype=np.float64), np.asarray(quads, dtype=np.int64), out)
+    _element_quality(
+        np.require(vertices, np.float64, ["C", "A", "W"]), np.require(quads, np.int64, ["C", "A", "W"]), out
+    )
     return out

@@ -19,11 +19,12 @@ around it: once inside, never outside. So nothing overlaps, and no chord has to 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.filling.fitness import DUBIOUS, cost_of
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.types import Floats, Ints
 
 #: Places of a chord's point: beside the middle, by these shares of the chord's length.
@@ -35,7 +36,7 @@ CHORDS = 3
 WAYS = 5
 
 
-@inlined
+@compiled
 def chord_point(xy: Floats, i: int, j: int, place: int) -> tuple[float, float]:
     """Where the point of chord i - j lies at a place in 0 .. PLACES - 1."""
     aside = ASIDE[place]
@@ -70,7 +71,7 @@ def block_cost(block: Floats, size: int) -> tuple[float, int]:
     return best, chosen
 
 
-@inlined
+@compiled
 def inside(block: Floats) -> None:
     """Put the mean of the six vertices of a block into its last row."""
     x = y = 0.0
@@ -80,8 +81,26 @@ def inside(block: Floats) -> None:
     block[6, 0], block[6, 1] = block[0, 0] + x / 6.0, block[0, 1] + y / 6.0
 
 
-@compiled
-def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints) -> float:
+class Memory(NamedTuple):
+    """Working memory of :func:`best_block`.
+
+    Attributes:
+        corner, place, size, option: (7,) int64, by depth: the corner, the place of the point on the side from it,
+            the vertices so far, and what is to be tried next.
+        partial: (7,) float64, costs of the stretches beyond the sides so far.
+        block: (7, 2) float64, its vertices.
+    """
+
+    corner: Ints
+    place: Ints
+    size: Ints
+    option: Ints
+    partial: Floats
+    block: Floats
+
+
+@inner
+def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints, memory: Memory) -> float:
     """The least cost of filling the stretch i .. j with the chord's point at place ``own``.
 
     Args:
@@ -90,12 +109,14 @@ def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints)
         i, j, own: the chord and its place, 0 for a chord without a point.
         chosen: (13,) int64, receives the block next to the chord: [corners, way, corner (6), place of the point on the
             side from each corner to the next (5)].
+        memory: overwritten.
     """
-    corner, place, size, option = np.zeros((4, 7), dtype=np.int64)
-    partial, block = np.zeros(7), np.empty((7, 2))
+    corner, place, size, option = memory.corner, memory.place, memory.size, memory.option
+    partial, block = memory.partial, memory.block
     closing = 1 if (j - i) % 2 == 0 else 0
     best = math.inf
-    corner[0], size[0], block[0] = i, 1, xy[i]
+    corner[0], size[0], partial[0] = i, 1, 0.0
+    block[0, 0], block[0, 1] = xy[i, 0], xy[i, 1]
     # Corners are chosen one after the other; option[depth] runs over the next corner and the place on the side to it.
     depth, option[1] = 1, PLACES * (i + 1)
     while depth > 0:
@@ -112,7 +133,8 @@ def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints)
             continue
         if pointed:
             block[grown - 2, 0], block[grown - 2, 1] = chord_point(xy, a, b, s)
-        corner[depth], place[depth - 1], block[grown - 1] = b, s, xy[b]
+        corner[depth], place[depth - 1] = b, s
+        block[grown - 1, 0], block[grown - 1, 1] = xy[b, 0], xy[b, 1]
         if b < j:
             size[depth], partial[depth] = grown, total
             depth += 1
@@ -124,12 +146,13 @@ def best_block(xy: Floats, cost: Floats, i: int, j: int, own: int, chosen: Ints)
         if total + added < best:
             best = total + added
             chosen[0], chosen[1] = depth + 1, way
-            chosen[2 : 3 + depth] = corner[: depth + 1]
-            chosen[8 : 8 + depth] = place[:depth]
+            for k in range(depth + 1):
+                chosen[2 + k] = corner[k]
+            for k in range(depth):
+                chosen[8 + k] = place[k]
     return best
 
 
-@compiled
 def stretches(xy: Floats) -> tuple[Floats, Ints]:
     """Costs of all stretches of an (n, 2) ring, and the block next to each one's chord.
 
@@ -141,14 +164,23 @@ def stretches(xy: Floats) -> tuple[Floats, Ints]:
     n = len(xy)
     cost = np.full((n, n, PLACES), math.inf)
     chosen = np.zeros((n, n, PLACES, 13), dtype=np.int64)
+    corner, place, size, option = (np.zeros(7, dtype=np.int64) for _ in range(4))
+    memory = Memory(corner, place, size, option, partial=np.zeros(7), block=np.zeros((7, 2)))
+    _stretches(xy, cost, chosen, memory)
+    return cost, chosen
+
+
+@compiled
+def _stretches(xy: Floats, cost: Floats, chosen: Ints, memory: Memory) -> None:
+    """Write the costs and the blocks."""
+    n = len(xy)
     for i in range(n - 1):
         cost[i, i + 1, 0] = 0.0
     for span in range(2, n):
         for i in range(n - span):
             j = i + span
             for own in range(PLACES if span % 2 == 0 else 1):
-                cost[i, j, own] = best_block(xy, cost, i, j, own, chosen[i, j, own])
-    return cost, chosen
+                cost[i, j, own] = best_block(xy, cost, i, j, own, chosen[i, j, own], memory)
 
 
 def by_chords(xy: Floats) -> tuple[Floats, Ints] | None:

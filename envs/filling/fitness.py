@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.orientation import turns_left
 from envs.quality import eta_from_angles, inner_angles
 from envs.types import Floats, Ints
@@ -38,7 +38,7 @@ def fitness(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
     return max(LEAST, eta * min(1.0, left))
 
 
-@compiled
+@inlined
 def fitness_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
     """:func:`fitness` of the quadrilateral of four of the points."""
     return fitness(
@@ -47,7 +47,7 @@ def fitness_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
     )  # fmt: skip
 
 
-@compiled
+@inner
 def cost_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
     """What a quadrilateral adds to a filling's cost: fitness^-4, >= 1; infinite unless certainly strictly convex.
 
@@ -58,9 +58,13 @@ def cost_of(points: Floats, a: int, b: int, c: int, d: int) -> float:
 
 
 @compiled
+def _fitnesses(points: Floats, quads: Ints, out: Floats) -> None:
+    for i in range(len(quads)):
+        out[i] = fitness_of(points, quads[i, 0], quads[i, 1], quads[i, 2], quads[i, 3])
+
+
 def fitnesses(points: Floats, quads: Ints) -> Floats:
     """(m,) float64 in [0, 1]: the fitness of each of (m, 4) int64 quadrilaterals; 0 for what is not strictly convex."""
     out = np.empty(len(quads))
-    for i in range(len(quads)):
-        out[i] = fitness_of(points, quads[i, 0], quads[i, 1], quads[i, 2], quads[i, 3])
+    _fitnesses(points, quads, out)
     return out

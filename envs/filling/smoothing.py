@@ -27,7 +27,6 @@ def star_cost(points: Floats, quads: Ints, star: Ints) -> float:
     return total
 
 
-@compiled
 def smooth(points: Floats, quads: Ints, first: int, start: Ints, stars: Ints) -> None:
     """Move the points from ``first`` on, in place, downhill in the cost of the elements around each of them.
 
@@ -40,7 +39,12 @@ def smooth(points: Floats, quads: Ints, first: int, start: Ints, stars: Ints) ->
         first: the points before it stay.
         start, stars: the quadrilaterals around point v are ``stars[start[v] : start[v + 1]]``.
     """
-    step = np.zeros(len(points))
+    _smooth(points, quads, first, start, stars, np.zeros(len(points)), np.zeros(len(points)))
+
+
+@compiled
+def _smooth(points: Floats, quads: Ints, first: int, start: Ints, stars: Ints, step: Floats, least: Floats) -> None:
+    """Smooth, with (p,) float64 memory for the points' steps and the least ones that count."""
     for v in range(first, len(points)):
         step[v] = math.inf
         for q in stars[start[v] : start[v + 1]]:
@@ -49,7 +53,7 @@ def smooth(points: Floats, quads: Ints, first: int, start: Ints, stars: Ints) ->
                     for w in (quads[q, (k + 1) % 4], quads[q, (k + 3) % 4]):
                         step[v] = min(step[v], math.hypot(points[w, 0] - points[v, 0], points[w, 1] - points[v, 1]))
         step[v] *= FIRST_STEP
-    least = LEAST_STEP * step
+        least[v] = LEAST_STEP * step[v]
     for turn in range(ROUNDS):
         resting = True
         for v in range(first, len(points)):

@@ -68,29 +68,37 @@ def ear(xy: Floats, following: Ints, a: int, b: int, c: int) -> float:
     return value * math.sqrt(closest2 / near2)
 
 
-@compiled
 def ears(xy: Floats) -> Ints:
     """The triangles of ear clipping, the best ear first: (n - 2, 3), or fewer where rounding hides the next ear."""
     n = len(xy)
     triangles = np.empty((n - 2, 3), dtype=np.int64)
     following, preceding = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    return triangles[: _ears(xy, triangles, following, preceding, np.empty(n))]
+
+
+@compiled
+def _ears(xy: Floats, triangles: Ints, following: Ints, preceding: Ints, value: Floats) -> int:
+    """Write the ears into ``triangles``, (n - 2, 3) int64; how many there are. The rest is (n,) memory."""
+    n = len(xy)
     for i in range(n):
         following[i] = i + 1 if i + 1 < n else 0
         preceding[i] = i - 1 if i > 0 else n - 1
-    value = np.empty(n)
     for i in range(n):
         value[i] = ear(xy, following, preceding[i], i, following[i])
     for k in range(n - 2):
-        b = np.argmax(value)
+        b = 0
+        for i in range(1, n):
+            if value[i] > value[b]:
+                b = i
         if value[b] <= 0.0:
-            return triangles[:k]
+            return k
         a, c = preceding[b], following[b]
         triangles[k, 0], triangles[k, 1], triangles[k, 2] = a, b, c
         following[a], preceding[c] = c, a
         value[b] = -2.0
         value[a] = ear(xy, following, preceding[a], a, c)
         value[c] = ear(xy, following, a, c, following[c])
-    return triangles
+    return n - 2
 
 
 def neighbours(triangles: Ints, n: int) -> Ints:

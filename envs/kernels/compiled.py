@@ -23,13 +23,19 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba import njit
 from numba.core.caching import UserProvidedCacheLocator
+
+from envs.kernels.inner import InnerKernel, Kernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 #: The package that all kernels build on.
 BASE = Path(__file__).resolve().parent.parent
+
+_OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+_LEAN = {"_nrt": False}
+_FUSED = {"fastmath": {"contract"}}
+_KERNELS: list[Kernel] = []
 
 
 def _kernel_texts(package: Path) -> Iterator[bytes]:
@@ -40,17 +46,16 @@ def _kernel_texts(package: Path) -> Iterator[bytes]:
 
 
 @functools.cache
-def _cache_folder(package: Path = BASE) -> str:
+def cache_folder(package: Path = BASE) -> str:
     """Where the machine code of a top-level package's kernels is kept."""
     digest = hashlib.sha256()
     for folder in dict.fromkeys((BASE, package)):
         for text in _kernel_texts(folder):
             digest.update(text)
-    if elsewhere := os.environ.get("NUMBA_CACHE_DIR"):
-        return str(Path(elsewhere) / f"kernels-{digest.hexdigest()[:16]}")
-    home = package / "__pycache__"
+    elsewhere = os.environ.get("NUMBA_CACHE_DIR")
+    home = Path(elsewhere) if elsewhere else package / "__pycache__"
     try:
-        home.mkdir(exist_ok=True)
+        home.mkdir(parents=True, exist_ok=True)
         writable = os.access(home, os.W_OK)
     except OSError:
         writable = False
@@ -72,45 +77,63 @@ def _package_of(function: Callable[..., Any]) -> Path:
     return source.parents[max(0, len(function.__module__.split(".")) - 2)]
 
 
-def _compile(function: F, **options: Any) -> F:
-    # They are read while decorating; other users of numba in this process keep their own.
+def _for_python(function: Callable[..., Any], **options: Any) -> Kernel:
+    """A kernel that Python calls, its machine code kept."""
+    # They are read while caching is enabled; other users of numba in this process keep their own.
     before = numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES
-    numba.config.CACHE_DIR = _cache_folder(_package_of(function))
+    numba.config.CACHE_DIR = cache_folder(_package_of(function))
     numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{ByModule.__name__}"
     try:
-        return cast(F, njit(cache=True, error_model="numpy", nogil=True, **options)(function))
+        kernel = Kernel(function, targetoptions=_OPTIONS | options)
+        kernel.enable_caching()
     finally:
         numba.config.CACHE_DIR, numba.config.CACHE_LOCATOR_CLASSES = before
+    return kernel
+
+
+def _for_kernels(function: Callable[..., Any], **options: Any) -> Kernel:
+    """A kernel that other kernels call."""
+    return InnerKernel(function, _OPTIONS | _LEAN | options, lambda: _for_python(function, **options))
+
+
+def _registered(make: Callable[..., Kernel], function: F, **options: Any) -> F:
+    """The kernel that is made of a function; the function itself where nothing is compiled."""
+    if numba.config.DISABLE_JIT:
+        return function
+    kernel = make(function, **options)
+    _KERNELS.append(kernel)
+    return cast(F, kernel)
+
+
+def kernels() -> list[Kernel]:
+    """All kernels of the modules imported so far."""
+    return list(_KERNELS)
 
 
 def compiled(function: F) -> F:
-    """Compile on first call and keep the machine code."""
-    return _compile(function)
+    """Compile for Python, on the first call, and keep the machine code.
+
+    The function may neither make nor return arrays: there are no reference counts, which loops over arrays in tuples
+    can spend most of their time on.
+    """
+    return _registered(_for_python, function, **_LEAN)
+
+
+def compiled_fused(function: F) -> F:
+    """Compile like :func:`compiled`, with x * y + z rounded once: for sums that nothing compares bit for bit."""
+    return _registered(_for_python, function, **_LEAN, **_FUSED)
+
+
+def inner(function: F) -> F:
+    """Compile for other kernels, with each that Python calls; arrays that the function returns are its arguments'."""
+    return _registered(_for_kernels, function)
+
+
+def inner_fused(function: F) -> F:
+    """Compile like :func:`inner`, with x * y + z rounded once."""
+    return _registered(_for_kernels, function, **_FUSED)
 
 
 def inlined(function: F) -> F:
-    """Compile, and fold the body into its callers."""
-    return _compile(function, forceinline=True)
-
-
-def lean(function: F) -> F:
-    """Compile without reference counts, which loops over arrays in tuples can spend most of their time on.
-
-    The function may neither make nor return arrays.
-    """
-    return _compile(function, _nrt=False)
-
-
-def lean_inlined(function: F) -> F:
-    """Compile like :func:`lean`, and fold the body into its callers."""
-    return _compile(function, forceinline=True, _nrt=False)
-
-
-def fused(function: F) -> F:
-    """Compile with x * y + z rounded once: for sums of products that nothing compares bit for bit."""
-    return _compile(function, fastmath={"contract"})
-
-
-def lean_fused(function: F) -> F:
-    """Compile like both :func:`lean` and :func:`fused`."""
-    return _compile(function, fastmath={"contract"}, _nrt=False)
+    """Compile like :func:`inner`, and fold the body into its callers."""
+    return _registered(_for_kernels, function, forceinline=True)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import inlined, inner
 from envs.types import Floats, Ints
 
 
@@ -50,11 +50,19 @@ def least_slot(key: Floats) -> int:
     return node - capacity
 
 
-@compiled
-def least_slots(key: Floats, slots: Ints) -> int:
-    """Write the slots of the least keys, in order, into ``slots``, (m,) int64; how many there are, at most m."""
+@inner
+def least_slots(key: Floats, slots: Ints, keys: Floats) -> int:
+    """Write the slots of the least keys, in order, and these keys, into ``slots`` and ``keys``.
+
+    Args:
+        key: changed while this runs.
+        slots: (m,) int64.
+        keys: (m,) float64.
+
+    Returns:
+        How many there are, at most m.
+    """
     count = 0
-    keys = np.empty(len(slots))
     while count < len(slots) and key[1] < np.inf:
         slot = least_slot(key)
         slots[count], keys[count] = slot, key[1]
@@ -101,7 +109,7 @@ def box_distance2(box: Floats, node: int, x: float, y: float) -> float:
     return dx * dx + dy * dy
 
 
-@compiled
+@inner
 def build(key: Floats, box: Floats) -> None:
     """Fill the inner nodes of both trees from their leaves."""
     for node in range((len(key) >> 1) - 1, 0, -1):

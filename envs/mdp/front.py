@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.geometry import angle, signed_angles
 from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
 
@@ -280,20 +280,23 @@ def close(front: Front) -> None:
     front.measure[AREA] = 0.0
 
 
-@compiled
+@inner
 def restart(front: Front, template: Front) -> None:
     """Make ``front`` the initial front ``template`` (which may have room for no elements)."""
-    front.xy[:] = template.xy
-    front.vid[:] = template.vid
-    front.prv[:] = template.prv
-    front.nxt[:] = template.nxt
-    front.key[:] = template.key
-    front.box[:] = template.box
-    front.points[: len(template.points)] = template.points
-    front.size[: len(template.size)] = template.size
-    front.need[: len(template.need)] = template.need
-    front.counts[:] = template.counts
-    front.measure[:] = template.measure
+    for slot in range(len(template.vid)):
+        front.xy[slot, 0], front.xy[slot, 1] = template.xy[slot, 0], template.xy[slot, 1]
+        front.vid[slot], front.prv[slot], front.nxt[slot] = template.vid[slot], template.prv[slot], template.nxt[slot]
+    for node in range(len(template.key)):
+        front.key[node] = template.key[node]
+        for side in range(4):
+            front.box[node, side] = template.box[node, side]
+    for vertex in range(len(template.points)):
+        front.points[vertex, 0], front.points[vertex, 1] = template.points[vertex, 0], template.points[vertex, 1]
+        front.size[vertex], front.need[vertex] = template.size[vertex], template.need[vertex]
+    for entry in range(len(template.counts)):
+        front.counts[entry] = template.counts[entry]
+    for entry in range(len(template.measure)):
+        front.measure[entry] = template.measure[entry]
 
 
 def capacity(ring: int, parameters: MeshingParameters) -> int:
@@ -420,7 +423,8 @@ def ring_slots(front: Front) -> Ints:
     """The slots of the ring that is left, in counter-clockwise order; (ring,) int64."""
     ring = np.empty(int(front.counts[RING]), dtype=np.int64)
     if len(ring):
-        slot = int(reference_slot(front))
+        # The first of the least keys, as reference_slot finds it: the tree's leaves are its second half.
+        slot = int(np.argmin(front.key[len(front.vid) :]))
         for i in range(len(ring)):
             ring[i] = slot
             slot = int(front.nxt[slot])

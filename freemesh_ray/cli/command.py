@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 from envs.errors import INTERRUPTED, UserError
-from freemesh_ray.cli import bench, compare, domains, mesh, paper, report, serve, study, submit, sync, train
+from freemesh_ray.cli import bench, compare, compile, domains, mesh, paper, report, serve, study, submit, sync, train
 from freemesh_ray.cli.arguments import Parser
 from freemesh_ray.local_ray import environment as ray_environment
 
@@ -21,6 +21,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 COMMANDS = {
     "mesh": mesh, "domains": domains, "train": train, "study": study, "report": report, "submit": submit,
     "sync": sync, "compare": compare, "paper": paper, "serve": serve, "bench": bench,
+    "compile": compile,
 }  # fmt: skip
 
 DESCRIPTION = """\

@@ -88,7 +88,9 @@ def run(options: argparse.Namespace) -> int:
         MeshingError: a domain that has no valid mesh.
     """
     from envs.domains.load import load_all
+    from freemesh_ray.cli.progress_line import CompilingLine
     from freemesh_ray.mesher.api import SUFFIXES, mesh_domain
+    from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.policies.policy import SHIPPED, Policy
 
     outputs = [Path(output) for output in options.output]
@@ -97,6 +99,7 @@ def run(options: argparse.Namespace) -> int:
         options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading
     )
     policy = Policy.load(options.policy or SHIPPED[options.density])
+    warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
     for i, domain in enumerate(domains):
         mesh = mesh_domain(domain, policy, **wishes)

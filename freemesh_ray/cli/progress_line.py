@@ -53,3 +53,30 @@ class ProgressLine:
         if self._live and self._width:
             self._stream.write("\r" + " " * self._width + "\r")
             self._width = 0
+
+
+class CompilingLine:
+    """How far compiling is: one line that is overwritten on a terminal, a few lines elsewhere.
+
+    Args:
+        stream: where to.
+        notice: a line before the first, if any.
+    """
+
+    #: Where a line cannot be overwritten, there is one for each such part.
+    PARTS = 4
+
+    def __init__(self, stream: TextIO, notice: str = "") -> None:
+        self._stream, self._notice, self._part = stream, notice, 0
+
+    def show(self, done: int, total: int) -> None:
+        """Show that ``done`` of ``total`` kernels are compiled."""
+        if done == 0 and self._notice:
+            self._stream.write(self._notice + "\n")
+        line = f"compiling kernels: {done} of {total}"
+        if self._stream.isatty():
+            self._stream.write("\r" + line + ("\n" if done == total else ""))
+        elif done * self.PARTS >= total * (self._part + 1):
+            self._part = done * self.PARTS // total
+            self._stream.write(line + "\n")
+        self._stream.flush()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import lean, lean_inlined
+from envs.kernels.compiled import inlined, inner
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import (
     MOST,
@@ -33,20 +33,20 @@ SWAP, COLLAPSE, SPLIT = range(3)
 TOTAL, KIND, HALFEDGE, ARGUMENT = range(4)
 
 
-@lean_inlined
+@inlined
 def _off(off: float) -> float:
     """What a boundary vertex costs that has so many elements too many; a little is nothing, its angle is as given."""
     return 0.8 * (abs(off) - 0.3) ** 2 if abs(off) > 0.55 else 0.0
 
 
-@lean_inlined
+@inlined
 def irregularity(mesh: Halfedges, vertex: int) -> float:
     """What a vertex costs; 0 when it is regular."""
     off = mesh.degree[vertex] - mesh.ideal[vertex]
     return _off(off) if mesh.fixed[vertex] else off * off
 
 
-@lean_inlined
+@inlined
 def rise(mesh: Halfedges, vertex: int, change: int) -> float:
     """Irregularity added when a vertex gets ``change`` more elements; infinite when it may not."""
     degree = mesh.degree[vertex]
@@ -58,7 +58,7 @@ def rise(mesh: Halfedges, vertex: int, change: int) -> float:
     return float(change * (2 * (degree - 4) + change)) if degree + change >= 3 else math.inf
 
 
-@lean_inlined
+@inlined
 def swap_cost(mesh: Halfedges, patch: Patch, h: int, side: int, most: float) -> float:
     """Irregularity that a swap adds; infinite when it is not possible or does not add less than ``most``."""
     g = mesh.opp[h]
@@ -71,7 +71,7 @@ def swap_cost(mesh: Halfedges, patch: Patch, h: int, side: int, most: float) -> 
     return math.inf if p == r or cost >= most or adjacent(mesh, p, r) else cost
 
 
-@lean_inlined
+@inlined
 def collapse_cost(mesh: Halfedges, patch: Patch, h: int, most: float) -> float:
     """Irregularity that a collapse adds; infinite when it is not possible or does not add less than ``most``."""
     a, b = origin(mesh, h), origin(mesh, after(h))
@@ -94,7 +94,7 @@ def collapse_cost(mesh: Halfedges, patch: Patch, h: int, most: float) -> float:
     return cost
 
 
-@lean_inlined
+@inlined
 def split_cost(mesh: Halfedges, patch: Patch, h: int, k: int, most: float) -> float:
     """Irregularity that a split adds; infinite when it is not possible or does not add less than ``most``."""
     v = origin(mesh, h)
@@ -114,7 +114,7 @@ def split_cost(mesh: Halfedges, patch: Patch, h: int, k: int, most: float) -> fl
     return cost if cost < most else math.inf
 
 
-@lean_inlined
+@inlined
 def offer(options: Floats, count: int, total: float, kind: int, h: int, argument: int) -> int:
     """Keep a change among the best, in order, unless it is known; how many there are."""
     at = count
@@ -132,21 +132,21 @@ def offer(options: Floats, count: int, total: float, kind: int, h: int, argument
     return min(count + 1, len(options))
 
 
-@lean_inlined
+@inlined
 def _swaps(mesh: Halfedges, patch: Patch, h: int, side: int, total: float, options: Floats, count: int) -> int:
     """Offer a swap."""
     cost = swap_cost(mesh, patch, h, side, options[-1, TOTAL] - total)
     return offer(options, count, total + cost, SWAP, min(h, mesh.opp[h]), side) if cost < math.inf else count
 
 
-@lean_inlined
+@inlined
 def _collapses(mesh: Halfedges, patch: Patch, h: int, total: float, options: Floats, count: int) -> int:
     """Offer a collapse."""
     cost = collapse_cost(mesh, patch, h, options[-1, TOTAL] - total)
     return offer(options, count, total + cost, COLLAPSE, h & ~2, 0) if cost < math.inf else count
 
 
-@lean_inlined
+@inlined
 def _splits(mesh: Halfedges, patch: Patch, h: int, total: float, options: Floats, count: int) -> int:
     """Offer the splits that begin with a half-edge, if there is one, with two elements at least on either side."""
     most = min(mesh.degree[origin(mesh, h)] - 2, MOST - 1) if h != NONE else 0
@@ -156,7 +156,7 @@ def _splits(mesh: Halfedges, patch: Patch, h: int, total: float, options: Floats
     return count
 
 
-@lean
+@inner
 def list_options(mesh: Halfedges, patch: Patch, hot: Ints, total: float, limit: float, options: Floats) -> int:
     """Fill the options with the changes that may help a hot vertex; how many there are.
 
@@ -186,7 +186,7 @@ def list_options(mesh: Halfedges, patch: Patch, hot: Ints, total: float, limit: 
     return count
 
 
-@lean_inlined
+@inlined
 def heat(hot: Ints, count: int, vertex: int) -> int:
     """Add a vertex to the hot ones if there is room; how many there are."""
     for i in range(count):
@@ -198,7 +198,7 @@ def heat(hot: Ints, count: int, vertex: int) -> int:
     return count + 1
 
 
-@lean
+@inner
 def make(mesh: Halfedges, patch: Patch, kind: int, h: int, argument: int, hot: Ints, count: int) -> int:
     """Make a change, and all vertices it touches hot; how many hot ones there are.
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import lean
+from envs.kernels.compiled import compiled, inner
 from envs.types import Floats, Ints
 from freemesh_ray.finish.changes import ARGUMENT, HALFEDGE, KIND, TOTAL, irregularity, list_options, make
 from freemesh_ray.finish.halfedges import LOGGED, NONE, PINNED, QUADS, SIGNATURE, VERTICES, Halfedges, commit, undo
@@ -82,7 +82,7 @@ class Search(NamedTuple):
     failed: Ints
 
 
-@lean
+@inner
 def try_out(mesh: Halfedges, patch: Patch, vertices: int, quads: int, level: float, limit: float, guard: float) -> int:
     """Move the vertices of a copy of the patch to where they are best; the outcome.
 
@@ -106,7 +106,7 @@ def try_out(mesh: Halfedges, patch: Patch, vertices: int, quads: int, level: flo
     return outcome
 
 
-@lean
+@inner
 def improve(mesh: Halfedges, search: Search, seed: int, level: float) -> bool:
     """Search around a vertex for a sequence that makes the mesh better; whether one was kept.
 
@@ -166,7 +166,7 @@ def improve(mesh: Halfedges, search: Search, seed: int, level: float) -> bool:
     return False
 
 
-@lean
+@compiled
 def search_all(mesh: Halfedges, search: Search, level: float) -> None:
     """Go over all irregular vertices, again and again, until nothing more is kept."""
     for _ in range(PASSES):

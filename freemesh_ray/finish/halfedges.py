@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, lean, lean_inlined
+from envs.kernels.compiled import compiled, inlined, inner
 from envs.types import Floats, Ints
 
 NONE = -1
@@ -68,56 +68,56 @@ class Halfedges(NamedTuple):
     counts: Ints
 
 
-@lean_inlined
+@inlined
 def after(h: int) -> int:
     """The next half-edge of the same element."""
     return (h & ~3) | ((h + 1) & 3)
 
 
-@lean_inlined
+@inlined
 def before(h: int) -> int:
     """The previous half-edge of the same element."""
     return (h & ~3) | ((h + 3) & 3)
 
 
-@lean_inlined
+@inlined
 def origin(mesh: Halfedges, h: int) -> int:
     """The vertex that a half-edge leaves."""
     return mesh.quads[h >> 2, h & 3]
 
 
-@lean_inlined
+@inlined
 def around(mesh: Halfedges, h: int) -> int:
     """The next half-edge counter-clockwise that leaves the same vertex, NONE beyond the boundary."""
     return mesh.opp[before(h)]
 
 
-@lean_inlined
+@inlined
 def _note(mesh: Halfedges, array: int, index: int, value: int) -> None:
     at = mesh.counts[LOGGED]
     mesh.log[at, 0], mesh.log[at, 1], mesh.log[at, 2] = array, index, value
     mesh.counts[LOGGED] = at + 1
 
 
-@lean_inlined
+@inlined
 def _set_corner(mesh: Halfedges, h: int, vertex: int) -> None:
     _note(mesh, _QUAD, h, mesh.quads[h >> 2, h & 3])
     mesh.quads[h >> 2, h & 3] = vertex
 
 
-@lean_inlined
+@inlined
 def _set_opp(mesh: Halfedges, h: int, other: int) -> None:
     _note(mesh, _OPP, h, mesh.opp[h])
     mesh.opp[h] = other
 
 
-@lean_inlined
+@inlined
 def _set_out(mesh: Halfedges, vertex: int, h: int) -> None:
     _note(mesh, _OUT, vertex, mesh.out[vertex])
     mesh.out[vertex] = h
 
 
-@lean_inlined
+@inlined
 def _set_degree(mesh: Halfedges, vertex: int, degree: int) -> None:
     """Set a degree, and keep the sum of degree times a scrambled vertex number up to date."""
     scrambled = (vertex * 0x9E3779B1) & 0x7FFFFFFF
@@ -126,13 +126,13 @@ def _set_degree(mesh: Halfedges, vertex: int, degree: int) -> None:
     mesh.degree[vertex] = degree
 
 
-@lean_inlined
+@inlined
 def _add_degree(mesh: Halfedges, vertex: int, change: int) -> None:
     _note(mesh, _DEGREE, vertex, mesh.degree[vertex])
     _set_degree(mesh, vertex, mesh.degree[vertex] + change)
 
 
-@lean_inlined
+@inlined
 def _join(mesh: Halfedges, h: int, other: int) -> None:
     """Make two half-edges, one of which may be NONE, each other's opposite."""
     if h != NONE:
@@ -141,13 +141,13 @@ def _join(mesh: Halfedges, h: int, other: int) -> None:
         _set_opp(mesh, other, h)
 
 
-@lean
+@inner
 def commit(mesh: Halfedges) -> None:
     """Keep all changes."""
     mesh.counts[LOGGED] = 0
 
 
-@lean
+@inner
 def undo(mesh: Halfedges, logged: int) -> None:
     """Take back all changes after so many entries of the log."""
     for at in range(mesh.counts[LOGGED] - 1, logged - 1, -1):
@@ -165,7 +165,7 @@ def undo(mesh: Halfedges, logged: int) -> None:
     mesh.counts[LOGGED] = logged
 
 
-@lean_inlined
+@inlined
 def adjacent(mesh: Halfedges, u: int, w: int) -> bool:
     """Whether an edge joins two vertices, of which the first is not pinned."""
     h = start = mesh.out[u]
@@ -177,7 +177,7 @@ def adjacent(mesh: Halfedges, u: int, w: int) -> bool:
             return False
 
 
-@lean
+@inner
 def swap(mesh: Halfedges, h: int, side: int) -> None:
     """Turn the inner edge h in its hexagon: to the diagonal through the far end of ``after(h)`` (0) or the other (1).
 
@@ -214,13 +214,13 @@ def swap(mesh: Halfedges, h: int, side: int) -> None:
     _add_degree(mesh, corner[(begin + 3) % 6], 1)
 
 
-@lean_inlined
+@inlined
 def merging(mesh: Halfedges, a: int, c: int) -> tuple[int, int]:
     """Which of two merging vertices stays, and which goes: never the one on the boundary."""
     return (c, a) if mesh.fixed[c] or (c < a and not mesh.fixed[a]) else (a, c)
 
 
-@lean
+@inner
 def collapse(mesh: Halfedges, h: int) -> int:
     """Merge the origin of h with the opposite corner of its element, which vanishes; the vertex that stays."""
     ab, bc, cd, da = h, after(h), after(after(h)), before(h)
@@ -250,7 +250,7 @@ def collapse(mesh: Halfedges, h: int) -> int:
     return stays
 
 
-@lean
+@inner
 def split(mesh: Halfedges, h: int, k: int) -> int:
     """Open the vertex v that h leaves: the k elements from h on, counter-clockwise, move to a new vertex.
 

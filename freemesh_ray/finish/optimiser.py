@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import lean, lean_fused, lean_inlined
+from envs.kernels.compiled import compiled, compiled_fused, inlined, inner_fused
 from envs.types import Floats, Ints
 
 #: An element counts as poor below this, and how much it does.
@@ -81,7 +81,7 @@ def descent(n: int) -> Descent:
     )
 
 
-@lean_inlined
+@inlined
 def power(x: float, sharp: bool) -> float:
     """x^P."""
     x *= x
@@ -91,14 +91,14 @@ def power(x: float, sharp: bool) -> float:
     return (x * x) * (x * x) if sharp else x
 
 
-@lean_inlined
+@inlined
 def root(x: float, sharp: bool) -> float:
     """x^(1/P)."""
     x = math.sqrt(math.sqrt(math.sqrt(math.sqrt(x))))
     return math.sqrt(math.sqrt(x)) if sharp else x
 
 
-@lean_inlined
+@inlined
 def turn(ux: float, uy: float, vx: float, vy: float) -> float:
     """The angle from u to v, in [0, 2 pi).
 
@@ -114,7 +114,7 @@ def turn(ux: float, uy: float, vx: float, vy: float) -> float:
     return half if cross >= 0.0 else 8.0 * _QUARTER - half
 
 
-@lean_fused
+@inner_fused
 def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
     """Cost and derivatives of the elements in the first n lanes.
 
@@ -173,7 +173,7 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         lanes[_DX, i], lanes[_DY, i] = cdx - dax + rx, cdy - day + ry
 
 
-@lean
+@compiled
 def cost(xy: Floats, quads: Ints, sharp: bool, gradient: Floats, lanes: Floats) -> float:
     """The sum that is minimised, and its gradient by every vertex.
 
@@ -206,7 +206,7 @@ def cost(xy: Floats, quads: Ints, sharp: bool, gradient: Floats, lanes: Floats) 
     return total
 
 
-@lean_inlined
+@inlined
 def dot(a: Floats, b: Floats) -> float:
     """The inner product of two vectors whose length is even."""
     even = odd = 0.0
@@ -216,14 +216,14 @@ def dot(a: Floats, b: Floats) -> float:
     return even + odd
 
 
-@lean_inlined
+@inlined
 def add(a: Floats, share: float, b: Floats) -> None:
     """a += share b."""
     for i in range(len(a)):
         a[i] += share * b[i]
 
 
-@lean_inlined
+@inlined
 def measure(xy: Floats, quads: Ints, unit: Floats, sides: Ints) -> None:
     """Overwrite ``unit``, (n,) float64, with the mean length of the elements' sides at each vertex."""
     unit[:], sides[:] = 0.0, 0
@@ -239,14 +239,14 @@ def measure(xy: Floats, quads: Ints, unit: Floats, sides: Ints) -> None:
         unit[v] /= max(1, sides[v])
 
 
-@lean_inlined
+@inlined
 def scaled(raw: Floats, unit: Floats, out: Floats) -> None:
     """The gradient by positions in units."""
     for v in range(len(out) >> 1):
         out[2 * v], out[2 * v + 1] = unit[v] * raw[v, 0], unit[v] * raw[v, 1]
 
 
-@lean_fused
+@compiled_fused
 def descend(
     xy: Floats, quads: Ints, free: int, sharp: bool, iterations: int, least_fall: float, memory: Descent
 ) -> float:

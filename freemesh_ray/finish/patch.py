@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import lean, lean_inlined
+from envs.kernels.compiled import inlined, inner
 from envs.quality import eta_or_bent
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, after, around, before, origin
@@ -60,25 +60,25 @@ class Patch(NamedTuple):
     counts: Ints
 
 
-@lean_inlined
+@inlined
 def is_inner(patch: Patch, vertex: int) -> bool:
     """Whether all elements around a vertex belong to the patch."""
     return patch.vertex_stamp[vertex] == patch.counts[_STAMP]
 
 
-@lean_inlined
+@inlined
 def inside(patch: Patch, quad: int) -> bool:
     """Whether an element belongs to the patch."""
     return patch.quad_stamp[quad] == patch.counts[_STAMP]
 
 
-@lean_inlined
+@inlined
 def take_in(patch: Patch, vertex: int, quad: int) -> None:
     """Let a new vertex and a new element belong to the patch, too."""
     patch.vertex_stamp[vertex] = patch.quad_stamp[quad] = patch.counts[_STAMP]
 
 
-@lean
+@inner
 def surround(mesh: Halfedges, patch: Patch, seed: int) -> None:
     """Gather the patch around a vertex."""
     patch.counts[_STAMP] += 1
@@ -107,7 +107,7 @@ def surround(mesh: Halfedges, patch: Patch, seed: int) -> None:
     patch.counts[_INNER], patch.counts[_ELEMENTS] = inner, elements
 
 
-@lean_inlined
+@inlined
 def newest(patch: Patch, notes: Ints) -> int:
     """The largest note on an element of the patch; (M,) int64, at least 0."""
     largest = 0
@@ -116,14 +116,14 @@ def newest(patch: Patch, notes: Ints) -> int:
     return largest
 
 
-@lean_inlined
+@inlined
 def note(patch: Patch, notes: Ints, value: int) -> None:
     """Note something on all elements that the patch was gathered with."""
     for i in range(patch.counts[_ELEMENTS]):
         notes[patch.elements[i]] = value
 
 
-@lean_inlined
+@inlined
 def _enter(mesh: Halfedges, patch: Patch, vertex: int, at: int) -> int:
     """Copy a vertex; how many there are."""
     patch.local[vertex], patch.local_stamp[vertex] = at, patch.counts[_COPY]
@@ -131,7 +131,7 @@ def _enter(mesh: Halfedges, patch: Patch, vertex: int, at: int) -> int:
     return at + 1
 
 
-@lean
+@inner
 def copy(mesh: Halfedges, patch: Patch, vertices_before: int, quads_before: int) -> None:
     """Copy what the patch has become; new vertices and elements are those from the given numbers on."""
     patch.counts[_COPY] += 1
@@ -158,7 +158,7 @@ def copy(mesh: Halfedges, patch: Patch, vertices_before: int, quads_before: int)
     patch.counts[_VERTICES], patch.counts[_QUADS] = n, m
 
 
-@lean
+@inner
 def spread(patch: Patch) -> None:
     """Take the moving vertices of the copy to the middle of the elements around them."""
     xy, quads, total = patch.xy, patch.quads[: patch.counts[_QUADS]], patch.total[: patch.counts[_VERTICES]]
@@ -176,27 +176,27 @@ def spread(patch: Patch) -> None:
             xy[v, 0], xy[v, 1] = total[v, 0] / total[v, 2], total[v, 1] / total[v, 2]
 
 
-@lean
+@inner
 def price(patch: Patch) -> float:
     """The cost of the elements of the copy."""
     n, m = patch.counts[_VERTICES], patch.counts[_QUADS]
     return cost(patch.xy[:n], patch.quads[:m], False, patch.descent.raw[:n], patch.descent.lanes)
 
 
-@lean
+@inner
 def settle(patch: Patch, steps: int, least_fall: float) -> float:
     """Move the vertices of the copy to where they are best; the cost of its elements."""
     n, m = patch.counts[_VERTICES], patch.counts[_QUADS]
     return descend(patch.xy[:n], patch.quads[:m], patch.counts[_FREE], False, steps, least_fall, patch.descent)
 
 
-@lean_inlined
+@inlined
 def size(patch: Patch) -> int:
     """How many elements the copy has."""
     return patch.counts[_QUADS]
 
 
-@lean_inlined
+@inlined
 def rate(patch: Patch) -> float:
     """The least eta of the elements of the copy; -1 when one is not strictly convex."""
     least = 1.0
@@ -208,7 +208,7 @@ def rate(patch: Patch) -> float:
     return least
 
 
-@lean
+@inner
 def write_back(mesh: Halfedges, patch: Patch) -> None:
     """Give the vertices of the mesh the positions of the copy."""
     for i in range(patch.counts[_FREE]):

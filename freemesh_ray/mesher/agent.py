@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import inlined, inner
 from envs.mdp.action import Cut
 from envs.mdp.front import Front
 from envs.mdp.observation import observation_size, observe
@@ -64,7 +64,7 @@ def agent(policy: Policy) -> Agent:
     )
 
 
-@compiled
+@inner
 def look(agent: Agent, front: Front, slot: int, numbers: Numbers) -> None:
     """Let the agent see the front from a slot, and run its actor."""
     observe(front, slot, numbers.n, numbers.g, numbers.beta, numbers.extended, agent.observation)
@@ -86,7 +86,7 @@ def sampled_action(agent: Agent, random: np.random.Generator, action: Floats) ->
         action[i] = math.tanh(agent.outputs[i] + math.exp(log_std) * random.standard_normal())
 
 
-@compiled
+@inner
 def value(agent: Agent, action: Floats) -> float:
     """The lesser of the critics' values of an action for what the agent sees."""
     inputs = len(agent.observation)

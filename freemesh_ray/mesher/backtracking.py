@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import inlined, inner
 from envs.kernels.geometry import distance2_to_segment
 from envs.mdp.front import Front
 from envs.types import Floats
@@ -38,7 +38,7 @@ def is_near(front: Front, slot: int, place: Floats) -> bool:
     return math.hypot(front.xy[slot, 0] - place[X], front.xy[slot, 1] - place[Y]) <= place[REACH]
 
 
-@compiled
+@inner
 def elements_back(front: Front, elements: int, near: int, place: Floats) -> int:
     """How many of ``elements`` must be taken back until ``near`` of those are elements near the place; all at most."""
     back = 0

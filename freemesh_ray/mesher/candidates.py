@@ -6,13 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import inlined, inner
 from envs.mdp.action import ACCEPTED
 from envs.mdp.front import Front
 from envs.mdp.transition import Numbers
 from envs.types import Floats, Ints
 from freemesh_ray.mesher.agent import Agent, immediate_reward, value
 from freemesh_ray.mesher.undo_log import element
+
+#: Vertices tried besides the reference vertex, in the order of their mean angles.
+VERTICES = 8
 
 
 class Choice(NamedTuple):
@@ -23,17 +26,34 @@ class Choice(NamedTuple):
         slot: (1,) int64, the vertex it is taken at.
         merit: (1,) float64, -inf when there is none.
         draft: (5,) float64, memory for the next action to be tried.
+        slots, keys: (1 + VERTICES,) int64 and float64, memory for the vertices to be tried and their mean angles.
     """
 
     action: Floats
     slot: Ints
     merit: Floats
     draft: Floats
+    slots: Ints
+    keys: Floats
 
 
 def choice() -> Choice:
     """No action yet."""
-    return Choice(np.zeros(5), np.zeros(1, dtype=np.int64), np.full(1, -np.inf), np.zeros(5))
+    return Choice(
+        action=np.zeros(5),
+        slot=np.zeros(1, dtype=np.int64),
+        merit=np.full(1, -np.inf),
+        draft=np.zeros(5),
+        slots=np.zeros(1 + VERTICES, dtype=np.int64),
+        keys=np.zeros(1 + VERTICES),
+    )
+
+
+@inlined
+def keep(action: Floats, place: Floats) -> None:
+    """Copy an action, (5,), to where it is kept."""
+    for i in range(5):
+        place[i] = action[i]
 
 
 @inlined
@@ -48,7 +68,7 @@ def found(choice: Choice) -> bool:
     return choice.merit[0] > -np.inf
 
 
-@compiled
+@inner
 def consider(
     choice: Choice, front: Front, slot: int, agent: Agent, judged: bool, type2: bool, numbers: Numbers
 ) -> None:
@@ -69,4 +89,4 @@ def consider(
     merit = value(agent, choice.draft) if judged and agent.judges else immediate_reward(front, cut, numbers)
     if merit > choice.merit[0]:
         choice.merit[0], choice.slot[0] = merit, slot
-        choice.action[:] = choice.draft
+        keep(choice.draft, choice.action)

@@ -20,7 +20,7 @@ from envs.mdp.action import ACCEPTED, ACTION_TYPES, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, close, reference_slot
 from envs.mdp.transition import Numbers, numbers
 from envs.mesh import Mesh
-from envs.types import Domain, Ints
+from envs.types import Domain, Floats, Ints
 from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
 from freemesh_ray.mesher.backtracking import elements_back, is_near, mark
 from freemesh_ray.mesher.candidates import Choice, begin, choice, found
@@ -78,10 +78,9 @@ class Grown:
 @compiled
 def run(
     front: Front, trail: Trail, agent: Agent, choice: Choice, tree: Tree, numbers: Numbers, cap: int,
-    exploration: float, patience: int, random: np.random.Generator, tally: Ints,
+    exploration: float, patience: int, random: np.random.Generator, tally: Ints, place: Floats,
 ) -> None:  # fmt: skip
     """Mesh a front until it is closed, has ``cap`` elements, or nothing helps."""
-    place = np.zeros(3)
     detour_end = wander_end = 0  # elements up to which the front is on a detour, or tries other vertices
     farthest = stuck = 0  # elements where it was stuck, and how often it was without getting farther
     while front.counts[RING] > 4 and front.counts[ELEMENTS] < cap:
@@ -155,7 +154,7 @@ def grow(
     log, tally = trail(room), np.zeros(2, dtype=np.int64)
     run(
         front, log, agent(policy), choice(), tree(), numbers(parameters), cap,
-        float(exploration), patience, np.random.default_rng(seed), tally,
+        float(exploration), patience, np.random.default_rng(seed), tally, np.zeros(3),
     )  # fmt: skip
     count = int(front.counts[ELEMENTS])
     complete = bool(front.counts[RING] == 0)

@@ -10,13 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.compiled import inlined, inner
 from envs.mdp.action import ACCEPTED, decode_type
 from envs.mdp.front import RING, Front, reference_slot
 from envs.mdp.reward import eta_b, eta_e
 from envs.mdp.transition import Numbers, ring_quality
 from envs.types import Floats, Ints
 from freemesh_ray.mesher.agent import Agent, look, mean_action
+from freemesh_ray.mesher.candidates import keep
 from freemesh_ray.mesher.ideal_elements import DISTANCES, shape
 from freemesh_ray.mesher.undo_log import LOOKAHEAD, Trail, cut_action, cut_off, element, take_back
 
@@ -67,7 +68,7 @@ def tree() -> Tree:
     )
 
 
-@compiled
+@inner
 def propose(tree: Tree, level: int, front: Front, slot: int, numbers: Numbers) -> None:
     """Put the draft at a slot among the level's actions if it is valid and one of the best."""
     cut = element(front, slot, tree.draft, True, numbers)
@@ -83,13 +84,13 @@ def propose(tree: Tree, level: int, front: Front, slot: int, numbers: Numbers) -
         tree.width[level] += 1
     while at > 0 and tree.merit[level, at - 1] < merit:
         tree.merit[level, at], tree.slot[level, at] = tree.merit[level, at - 1], tree.slot[level, at - 1]
-        tree.action[level, at, :] = tree.action[level, at - 1]
+        keep(tree.action[level, at - 1], tree.action[level, at])
         at -= 1
     tree.merit[level, at], tree.slot[level, at] = merit, slot
-    tree.action[level, at, :] = tree.draft
+    keep(tree.draft, tree.action[level, at])
 
 
-@compiled
+@inner
 def expand(tree: Tree, level: int, front: Front, agent: Agent, policy_type2: bool, numbers: Numbers) -> None:
     """Fill a level with the best actions on the front as it is: the policy's, and shapes at every vertex."""
     tree.width[level] = tree.tried[level] = 0
@@ -114,7 +115,7 @@ def rating(least: float, total: float, count: int) -> float:
     return least + total / count
 
 
-@compiled
+@inner
 def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: bool, numbers: Numbers) -> bool:
     """Mesh the ring up to its last four vertices as well as can be found.
 
@@ -147,7 +148,7 @@ def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: boo
             if found > best:
                 best, length = found, level + 1
                 for i in range(length):
-                    tree.best_action[i, :] = tree.action[i, tree.tried[i] - 1]
+                    keep(tree.action[i, tree.tried[i] - 1], tree.best_action[i])
                     tree.best_slot[i] = tree.slot[i, tree.tried[i] - 1]
         elif level + 1 < DEPTH and states < STATES:
             level += 1

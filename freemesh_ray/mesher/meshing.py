@@ -20,6 +20,7 @@ from envs.quality import element_quality
 from envs.types import Domain
 from freemesh_ray.finish import finish
 from freemesh_ray.mesher.engine import Grown, grow
+from freemesh_ray.mesher.warm_up import warm_up
 from freemesh_ray.policies.policy import Policy
 
 #: Times that the policy begins a domain before what is left is filled.
@@ -87,9 +88,12 @@ def make(
             otherwise its mean action.
         smooth, clean: see finish.
 
+    The first call in a process loads the kernels, or compiles them, which no mesh's time includes.
+
     Raises:
         MeshingError: no valid mesh was found: a domain thinner than its coordinates are precise.
     """
+    warm_up(policy)
     began = time.perf_counter()
     candidates = [made(policy, domain, (seed, k), search, smooth, clean) for k in range(best_of)]
     best = max(candidates, key=lambda one: mean_quality(one.finished))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import fused
+from envs.kernels.compiled import inner_fused
 
 Layer = tuple[np.ndarray, np.ndarray]
 
@@ -62,7 +62,7 @@ def pack(layers: Sequence[Layer]) -> Network:
     )
 
 
-@fused
+@inner_fused
 def forward(network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:
     """Run the network.
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import compiled
+from envs.kernels.compiled import inner
 from envs.mdp.front import Front, interior_angle
 from envs.mdp.transition import Numbers
 from freemesh_ray.mesher.agent import Agent, look, mean_action, sampled_action
@@ -17,8 +17,6 @@ from freemesh_ray.mesher.undo_log import NEXT, SAMPLED, WIDE
 
 #: Draws from the policy at a vertex, and uniform draws at a vertex.
 SAMPLES, DRAWS = 16, 32
-#: Vertices tried besides the reference vertex, in the order of their mean angles.
-VERTICES = 8
 #: Interior angle from which an element with two new vertices is fit for the reference vertex, in radians: a smooth
 #: boundary can be begun with no other.
 FLAT = 2.0 * math.pi / 3.0
@@ -26,7 +24,7 @@ FLAT = 2.0 * math.pi / 3.0
 STUCK = -1
 
 
-@compiled
+@inner
 def sample(
     choice: Choice, front: Front, slot: int, agent: Agent, draws: int, type2: bool, numbers: Numbers,
     random: np.random.Generator,
@@ -37,7 +35,7 @@ def sample(
         consider(choice, front, slot, agent, True, type2, numbers)
 
 
-@compiled
+@inner
 def scatter(
     choice: Choice, front: Front, slot: int, agent: Agent, draws: int, two: bool, numbers: Numbers,
     random: np.random.Generator,
@@ -51,7 +49,7 @@ def scatter(
         consider(choice, front, slot, agent, False, True, numbers)
 
 
-@compiled
+@inner
 def any_shape(
     choice: Choice, front: Front, slot: int, agent: Agent, two: bool, numbers: Numbers, random: np.random.Generator
 ) -> None:
@@ -62,7 +60,7 @@ def any_shape(
     scatter(choice, front, slot, agent, DRAWS, two, numbers, random)
 
 
-@compiled
+@inner
 def here(
     choice: Choice, front: Front, slot: int, agent: Agent, type2: bool, numbers: Numbers, random: np.random.Generator
 ) -> int:
@@ -88,7 +86,7 @@ def here(
     return WIDE if found(choice) else STUCK
 
 
-@compiled
+@inner
 def elsewhere(
     choice: Choice, front: Front, agent: Agent, type2: bool, numbers: Numbers, random: np.random.Generator
 ) -> int:
@@ -98,8 +96,8 @@ def elsewhere(
         NEXT, WIDE or STUCK.
     """
     begin(choice)
-    slots = np.empty(1 + VERTICES, dtype=np.int64)
-    count = slot_tree.least_slots(front.key, slots)
+    slots = choice.slots
+    count = slot_tree.least_slots(front.key, slots, choice.keys)
     for i in range(1, count):
         look(agent, front, slots[i], numbers)
         mean_action(agent, choice.draft)

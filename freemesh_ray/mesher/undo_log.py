@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled
+from envs.kernels.compiled import inner
 from envs.mdp.action import CHAIN_EDGES, Cut, decode, decode_type
 from envs.mdp.front import AREA, ELEMENTS, Front, retreat
 from envs.mdp.transition import Numbers, take
@@ -43,13 +43,13 @@ def trail(elements: int) -> Trail:
     )
 
 
-@compiled
+@inner
 def element(front: Front, slot: int, action: Floats, type2: bool, numbers: Numbers) -> Cut:
     """The element that an action asks for at a slot."""
     return decode(front, slot, action, numbers.n, numbers.alpha, type2)
 
 
-@compiled
+@inner
 def cut_off(front: Front, trail: Trail, cut: Cut, action_type: int, source: int, n_rv: int) -> None:
     """Cut an accepted element off the front and note it."""
     line = front.counts[ELEMENTS]
@@ -58,7 +58,7 @@ def cut_off(front: Front, trail: Trail, cut: Cut, action_type: int, source: int,
     take(front, cut, n_rv)
 
 
-@compiled
+@inner
 def cut_action(
     front: Front, trail: Trail, slot: int, action: Floats, type2: bool, source: int, numbers: Numbers
 ) -> None:
@@ -67,7 +67,7 @@ def cut_action(
     cut_off(front, trail, cut, decode_type(action[0], type2), source, numbers.n_rv)
 
 
-@compiled
+@inner
 def take_back(front: Front, trail: Trail, elements: int, n_rv: int) -> None:
     """Take the last elements back, exactly; at most as many as there are."""
     for _ in range(min(elements, front.counts[ELEMENTS])):

@@ -58,7 +58,7 @@ def folder_of(base: Path, package: Path | None = None) -> Path:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return Path(module._cache_folder(package or base))
+    return Path(module.cache_folder(package or base))
 
 
 def append(path: Path, text: str) -> None:

@@ -17,7 +17,7 @@ import yaml
 from cluster import OVER, Cluster, until
 from processes import ROOT, Server, mlflow_server, outside
 
-from envs.kernels.compiled import _cache_folder
+from envs.kernels.compiled import cache_folder
 from freemesh_ray.studies.study_folder import StudyFolder
 from freemesh_ray.tracking.provenance import COMMIT
 
@@ -52,7 +52,7 @@ def user(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cache = home / ".cache" / "freemesh"
     cache.mkdir(parents=True)
     for package in ("envs", "freemesh_ray"):
-        kernels = Path(_cache_folder(ROOT / package))
+        kernels = Path(cache_folder(ROOT / package))
         kernels.mkdir(parents=True, exist_ok=True)
         (cache / kernels.name).symlink_to(kernels)
     return home

@@ -61,7 +61,7 @@ def walk(box: Floats, query: tuple[float, float, float, float]) -> list[int]:
 def test_least_slots_are_those_of_a_sort(changes: list, wanted: int) -> None:
     key, _ = changed(changes)
     before, slots = key.copy(), np.full(wanted, -1, dtype=np.int64)
-    count = slot_tree.least_slots(key, slots)
+    count = slot_tree.least_slots(key, slots, np.empty(wanted))
     leaves = key[CAPACITY:]
     expected = [slot for slot in np.argsort(leaves, kind="stable") if np.isfinite(leaves[slot])][:wanted]
     assert slots[:count].tolist() == expected
