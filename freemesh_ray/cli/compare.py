@@ -7,28 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, note
-
-#: Peers that can be asked for, in the order of the columns.
-NAMES = ("gmsh-default", "gmsh-8", "gmsh-full-quad", "gmsh-quasi", "netgen")
+from freemesh_ray.compare.peers import PACKAGES, PEERS
 
 #: What stands for no policy, or no peers.
 NONE = "none"
 
-EPILOG = """\
+#: Every peer on a line, its meaning beside it.
+LIST = "\n".join(f"  {name:<{max(map(len, PEERS)) + 3}}{peer.meaning}" for name, peer in PEERS.items())
+
+EPILOG = f"""\
 examples:
   freemesh compare D7 D8 D9 --out comparison
   freemesh compare part-1 part-2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
-  freemesh compare part-{1..100} --peers gmsh-8 --out parts --no-pictures
+  freemesh compare part-{{1..100}} --peers gmsh-8 --out parts --no-pictures
   freemesh compare D7 --mesh pave=d7.inp --policy none
 
 peers:
-  gmsh-default     Frontal-Delaunay triangles, recombined by Blossom
-  gmsh-8           Frontal-Delaunay for quads, recombined by Blossom, nodes relocated
-  gmsh-full-quad   Blossom full-quad on pairs of boundary segments, which it halves again
-  gmsh-quasi       Frontal-Delaunay for quads, Blossom, then the quasi-structured optimisation
-  netgen           Netgen, quad-dominated
+{LIST}
 
-They need `pip install gmsh netgen-mesher`. Ctrl-C leaves what is finished in the folder.
+They need `pip install {" ".join(PACKAGES)}`. Ctrl-C leaves what is finished in the folder.
 """
 
 
@@ -36,8 +33,8 @@ def peer_names(text: str) -> list[str]:
     """A comma-separated list of peers, for argparse."""
     names = [name.strip() for name in text.split(",") if name.strip() and name.strip() != NONE]
     for name in names:
-        if name not in NAMES:
-            raise argparse.ArgumentTypeError(f"{name!r} is no peer: use {', '.join(NAMES)} or {NONE}")
+        if name not in PEERS:
+            raise argparse.ArgumentTypeError(f"{name!r} is no peer: use {', '.join(PEERS)} or {NONE}")
     return list(dict.fromkeys(names))
 
 
@@ -53,7 +50,7 @@ def add(commands: Any) -> None:
     compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part-SEED")
     compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, comparison.csv and pictures are written")
     compare.add_argument("--no-pictures", dest="pictures", action="store_false", help="tables alone")
-    compare.add_argument("--peers", type=peer_names, default=list(NAMES), metavar="NAMES",
+    compare.add_argument("--peers", type=peer_names, default=list(PEERS), metavar="NAMES",
                          help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
     compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
                          help="a mesh of another program: .inp, .msh, .vtu, .bdf and more; repeatable")  # fmt: skip
@@ -78,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]
-    columns = [*own, *meshers.peers(options.peers, note), *files]
+    columns = [*own, *meshers.installed_peers(options.peers, note), *files]
     if not columns:
         raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
     done = compare(domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures)

@@ -94,7 +94,7 @@ def quality(options: argparse.Namespace) -> str:
 
     found = domains(options, DOMAINS)
     files = mesh_file.files(options.mesh, found)
-    columns = [*meshers.peers(options.peers, note), *files, meshers.ours(maker(options))]
+    columns = [*meshers.installed_peers(options.peers, note), *files, meshers.ours(maker(options))]
     folder = Path(options.out) if options.out else None
     done = compare(found, columns, folder, lambda row: note(report.line(row)))
     note("")

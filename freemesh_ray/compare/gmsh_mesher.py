@@ -43,6 +43,7 @@ class Variant:
 FRONTAL, FRONTAL_QUADS = {"Mesh.Algorithm": 6.0}, {"Mesh.Algorithm": 8.0}
 BLOSSOM, FULL_QUAD = {"Mesh.RecombinationAlgorithm": 1.0}, {"Mesh.RecombinationAlgorithm": 3.0}
 
+#: By the names of `peers.PEERS`.
 VARIANTS: dict[str, Variant] = {
     "gmsh-default": Variant(FRONTAL | BLOSSOM),
     "gmsh-8": Variant(FRONTAL_QUADS | BLOSSOM, ("Relocate2D", RELOCATIONS)),
@@ -55,8 +56,8 @@ VARIANTS: dict[str, Variant] = {
 }  # fmt: skip
 
 
-def gmsh_mesh(domain: Domain, name: str) -> MixedMesh:
-    """Mesh a domain with one of the VARIANTS; ``seconds`` is the wall time of Gmsh's meshing alone.
+def mesh(domain: Domain, name: str) -> MixedMesh:
+    """Mesh a domain with one of the `VARIANTS`; ``seconds`` is the wall time of Gmsh's meshing alone.
 
     Raises:
         PeerError: Gmsh failed, or the boundary cannot be paired.
@@ -88,7 +89,7 @@ def model(options: Mapping[str, float]) -> Iterator[Any]:
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
-        # Gmsh has SIGPIPE end the process: that of `isolated`, too, when a mesher's own process crashes. Ignored again.
+        # Gmsh has SIGPIPE end the process: this one, too, when a child process crashes. Ignored again.
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         gmsh.option.setNumber("General.Terminal", 0)
         for option, value in options.items():

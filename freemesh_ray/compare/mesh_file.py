@@ -12,8 +12,8 @@ from envs.errors import UserError
 from envs.polygons.rings import LARGEST_COORDINATE
 from envs.types import Domain, Floats, Ints
 from freemesh_ray.compare.abaqus_file import read_abaqus
-from freemesh_ray.compare.confined import read_confined
 from freemesh_ray.compare.meshers import Mesher
+from freemesh_ray.compare.meshio_file import read_meshio
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 
 #: meshio's names for elements that are compared, and how many corners they have; nodes beyond those are left out.
@@ -134,7 +134,7 @@ def parts(path: Path) -> tuple[Floats, Ints, Ints]:
     try:
         if path.suffix.lower() == ".inp":
             return read_abaqus(path)
-        points, cells = read_confined(path)
+        points, cells = read_meshio(path)
     except (ValueError, OSError) as error:
         reason = " ".join(ascii(str(error))[1:-1].split())[:100]
         raise MeshFileError(f"{path}: cannot be read ({reason}); write .inp, .msh or .vtu") from error

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 
 from envs.types import Domain
-from freemesh_ray.compare.gmsh_mesher import VARIANTS, gmsh_mesh
-from freemesh_ray.compare.isolated import isolated
-from freemesh_ray.compare.mixed_mesh import MixedMesh, of_mesh
-from freemesh_ray.compare.netgen_mesher import netgen_mesh
+from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
+from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, of_mesh
 from freemesh_ray.compare.our_mesher import Make
+from freemesh_ray.compare.peers import PEERS
 
 
 @dataclass(frozen=True)
@@ -32,30 +30,6 @@ class Mesher:
 OURS, RAW = "freemesh", "freemesh raw"
 
 
-@dataclass(frozen=True)
-class Peer:
-    """A mesher of another's.
-
-    Attributes:
-        module: what has to be there to import.
-        package: what installs it.
-        mesh: the call.
-    """
-
-    module: str
-    package: str
-    mesh: Callable[[Domain], MixedMesh]
-
-
-#: Peers by name.
-PEERS: dict[str, Peer] = {
-    **{name: Peer("gmsh", "gmsh", partial(gmsh_mesh, name=name)) for name in VARIANTS},
-    # It now and then crashes, itself or a later call of Gmsh in its process.
-    "gmsh-quasi": Peer("gmsh", "gmsh", partial(isolated, gmsh_mesh, name="gmsh-quasi")),
-    "netgen": Peer("netgen.geom2d", "netgen-mesher", netgen_mesh),
-}
-
-
 def ours(make: Make) -> Mesher:
     """Our mesher: its finished mesh, and the raw one where that is another."""
 
@@ -67,20 +41,37 @@ def ours(make: Make) -> Mesher:
     return Mesher(OURS, run)
 
 
-def peers(names: Sequence[str], note: Callable[[str], None]) -> list[Mesher]:
+def installed_peers(names: Sequence[str], note: Callable[[str], None]) -> list[Mesher]:
     """The peers of these names that are installed; for each package that is not, ``note`` is called with one line."""
     wanted = {name: PEERS[name] for name in names}
     missing = set()
-    for module, package in dict.fromkeys((peer.module, peer.package) for peer in wanted.values()):
+    for needs, package in dict.fromkeys((peer.needs, peer.package) for peer in wanted.values()):
         try:
-            import_module(module)
+            import_module(needs)
         except (ImportError, OSError) as error:  # OSError: a library that it needs is not there
             reason = "" if isinstance(error, ModuleNotFoundError) else f" ({error})"
-            note(f"{module.split('.')[0]} is not installed{reason}: its meshes are left out; pip install {package}")
-            missing.add(module)
-    return [Mesher(name, single(peer.mesh)) for name, peer in wanted.items() if peer.module not in missing]
+            note(f"{needs.split('.')[0]} is not installed{reason}: its meshes are left out; pip install {package}")
+            missing.add(needs)
+    return [peer_mesher(name) for name, peer in wanted.items() if peer.needs not in missing]
 
 
-def single(mesh: Callable[[Domain], MixedMesh]) -> Callable[[Domain], list[MixedMesh]]:
-    """A call that gives one mesh as one that gives several."""
-    return lambda domain: [mesh(domain)]
+def peer_mesher(name: str) -> Mesher:
+    """The peer of a name."""
+    return Mesher(name, lambda domain: [peer_mesh(domain, name)])
+
+
+def peer_mesh(domain: Domain, name: str) -> MixedMesh:
+    """A peer's mesh of a domain; the time measured is that of the meshing alone.
+
+    Raises:
+        PeerError: it failed, or its process died.
+        ImportError: it is not installed.
+    """
+    peer = PEERS[name]
+    mesh: Callable[[Domain, str], MixedMesh] = import_module(f"freemesh_ray.compare.{peer.module}").mesh
+    if not peer.crashes:
+        return mesh(domain, name)
+    try:
+        return in_child_process(mesh, domain, name)
+    except ChildDiedError:
+        raise PeerError("crashed") from None

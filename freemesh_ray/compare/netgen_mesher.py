@@ -17,7 +17,7 @@ SEGMENTS_PER_EDGE = (0.7, 0.5, 0.2, 0.1)
 UNLIMITED = 1e9
 
 
-def netgen_mesh(domain: Domain, name: str = "netgen") -> MixedMesh:
+def mesh(domain: Domain, name: str) -> MixedMesh:
     """Mesh a domain; ``seconds`` is the wall time of the call that made it.
 
     Raises:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from freemesh_ray.compare import confined
+from freemesh_ray.compare import meshio_file
+from freemesh_ray.compare.child_process import Limits
 from freemesh_ray.compare.mesh_file import MeshFileError, read
 
 NODES = "*NODE\n1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
@@ -57,8 +58,8 @@ def test_hostile_meshes_are_one_line(
 def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "mesh.vtu"
     path.write_text("<a/>")
-    monkeypatch.setattr(confined, "_read", _spin)
-    monkeypatch.setattr(confined, "_confine", _hurry)
+    monkeypatch.setattr(meshio_file, "_read", _spin)
+    monkeypatch.setattr(meshio_file, "LIMITS", Limits(meshio_file.LIMITS.memory, seconds=1))
     with pytest.raises(MeshFileError, match="it takes too much time or memory"):
         read(path)
 
@@ -66,9 +67,3 @@ def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pyte
 def _spin(path: Path) -> None:
     while True:
         pass
-
-
-def _hurry() -> None:
-    import resource
-
-    resource.setrlimit(resource.RLIMIT_CPU, (1, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 
 import numpy as np
@@ -11,12 +12,13 @@ import pytest
 from envs.domains.load import from_rings, load
 from envs.polygons.rings import loops
 from envs.types import Domain
-from freemesh_ray.cli.compare import NAMES
-from freemesh_ray.compare.gmsh_mesher import VARIANTS, gmsh_mesh, started
-from freemesh_ray.compare.isolated import isolated
-from freemesh_ray.compare.meshers import PEERS, peers
+from freemesh_ray.cli import command
+from freemesh_ray.compare import gmsh_mesher
+from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
+from freemesh_ray.compare.gmsh_mesher import VARIANTS, started
+from freemesh_ray.compare.meshers import installed_peers, peer_mesh
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
-from freemesh_ray.compare.netgen_mesher import netgen_mesh
+from freemesh_ray.compare.peers import PACKAGES, PEERS
 from freemesh_ray.meshes.metrics import measure
 
 
@@ -32,8 +34,8 @@ def covered(mesh: MixedMesh) -> float:
 @pytest.mark.parametrize("domain", [load("T1"), load("D9"), load("part:9")], ids=lambda domain: domain.name)
 @pytest.mark.parametrize("name", ["gmsh-default", "gmsh-8", "gmsh-quasi", "netgen"])
 def test_peers_fill_the_domain_and_keep_its_boundary(name: str, domain: Domain) -> None:
-    pytest.importorskip(PEERS[name].module)
-    made = PEERS[name].mesh(domain)
+    pytest.importorskip(PEERS[name].needs)
+    made = peer_mesh(domain, name)
     assert made.mesher == name
     assert made.keeps(domain)
     assert covered(made) == pytest.approx(domain.area, rel=1e-9)
@@ -45,7 +47,7 @@ def test_peers_fill_the_domain_and_keep_its_boundary(name: str, domain: Domain) 
 def test_full_quad_gives_quads_alone_on_the_given_boundary(name: str) -> None:
     pytest.importorskip("gmsh")
     domain = load(name)
-    made = gmsh_mesh(domain, "gmsh-full-quad")
+    made = peer_mesh(domain, "gmsh-full-quad")
     assert len(made.triangles) == 0
     assert made.keeps(domain)
     assert covered(made) == pytest.approx(domain.area, rel=1e-9)
@@ -53,7 +55,7 @@ def test_full_quad_gives_quads_alone_on_the_given_boundary(name: str) -> None:
 
 def test_the_same_domain_gives_the_same_mesh() -> None:
     pytest.importorskip("gmsh")
-    first, second = (gmsh_mesh(load("T1"), "gmsh-8") for _ in range(2))
+    first, second = (peer_mesh(load("T1"), "gmsh-8") for _ in range(2))
     np.testing.assert_array_equal(first.quads, second.quads)
     np.testing.assert_array_equal(first.vertices, second.vertices)
 
@@ -62,7 +64,7 @@ def test_a_square_of_squares_is_perfect() -> None:
     pytest.importorskip("gmsh")
     side = np.arange(6.0)
     ring = [*((x, 0) for x in side), *((6, y) for y in side), *((6 - x, 6) for x in side), *((0, 6 - y) for y in side)]
-    found = measure(gmsh_mesh(from_rings(ring), "gmsh-8"))
+    found = measure(peer_mesh(from_rings(ring), "gmsh-8"))
     assert (found["elements"], found["triangles"], found["singularity"]) == (36, 0, 0)
     assert found["eta"] == pytest.approx(1.0, abs=1e-6)
 
@@ -80,16 +82,32 @@ def test_odd_loops_have_no_pairs() -> None:
         started(domain := from_rings(outer, [[[3, 3], [5, 3], [4, 5]]]), loops(domain.segments)[0])
 
 
-def test_the_names_are_those_of_the_command() -> None:
-    assert tuple(PEERS) == NAMES
-    assert set(VARIANTS) < set(NAMES)
+def test_every_variant_of_gmsh_is_a_peer() -> None:
+    assert list(VARIANTS) == [name for name, peer in PEERS.items() if peer.module == "gmsh_mesher"]
+
+
+def test_the_command_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        command.main(["compare", "--help"])
+    text = capsys.readouterr().out
+    for name, peer in PEERS.items():
+        (line,) = [line for line in text.splitlines() if line.split()[:1] == [name]]
+        assert line.endswith(f"  {peer.meaning}")
+    assert f"pip install {' '.join(PACKAGES)}" in text
+
+
+def test_importing_the_registry_is_light() -> None:
+    heavy = ["numpy", "scipy", "numba", "gmsh", "netgen", "meshio"]
+    code = f"import sys, freemesh_ray.compare.peers; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout == "[]\n"
 
 
 def test_what_is_not_installed_is_left_out_with_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gmsh", None)
     monkeypatch.setitem(sys.modules, "netgen.geom2d", None)
     lines: list[str] = []
-    assert peers(NAMES, lines.append) == []
+    assert installed_peers(list(PEERS), lines.append) == []
     assert len(lines) == 2
     assert "pip install gmsh" in lines[0]
     assert "pip install netgen-mesher" in lines[1]
@@ -100,12 +118,12 @@ def test_netgen_keeps_unequal_segments() -> None:
     domain = load("D9")
     lengths = np.linalg.norm(np.diff(domain.points[domain.segments], axis=1)[:, 0], axis=1)
     assert lengths.max() > 2 * lengths.min()
-    assert netgen_mesh(domain).keeps(domain)
+    assert peer_mesh(domain, "netgen").keeps(domain)
 
 
 def test_gmsh_leaves_broken_pipes_an_error() -> None:
     pytest.importorskip("gmsh")
-    gmsh_mesh(load("T1"), "gmsh-default")
+    peer_mesh(load("T1"), "gmsh-default")
     end, other = os.pipe()
     os.close(end)
     with pytest.raises(BrokenPipeError):
@@ -123,8 +141,14 @@ def fails(domain: Domain, name: str) -> MixedMesh:
     raise PeerError(f"{name}: no")
 
 
-def test_a_crash_in_a_process_of_its_own_is_a_failure() -> None:
-    with pytest.raises(PeerError, match="crashed"):
-        isolated(dies, load("T1"), "x")
+def test_a_call_in_a_child_process_may_crash_or_fail() -> None:
+    with pytest.raises(ChildDiedError):
+        in_child_process(dies, load("T1"), "x")
     with pytest.raises(PeerError, match="x: no"):
-        isolated(fails, load("T1"), "x")
+        in_child_process(fails, load("T1"), "x")
+
+
+def test_the_crash_of_a_peer_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gmsh_mesher, "mesh", dies)
+    with pytest.raises(PeerError, match="crashed"):
+        peer_mesh(load("T1"), "gmsh-quasi")

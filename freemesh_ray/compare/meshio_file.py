@@ -1,16 +1,11 @@
-"""meshio in a process of its own that may take neither much time nor much memory: the files are somebody else's.
+"""A mesh file as meshio reads it, in a process with limits: the files are somebody else's.
 
 Its readers believe counts and sizes that a file states, unpack what it has packed, and expand the XML it is written in.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import resource
-import signal
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -19,36 +14,28 @@ import meshio
 import numpy as np
 
 from envs.types import Floats
+from freemesh_ray.compare.child_process import ChildDiedError, Limits, in_child_process
 
-#: Bytes of memory and seconds of processor time that a file may take.
-MOST_MEMORY = 8 * 2**30
-MOST_SECONDS = 60
+#: What a file may take.
+LIMITS = Limits(memory=8 * 2**30, seconds=60)
 
 #: Elements by meshio's names, each (m, corners) nodes.
 Cells = Sequence[tuple[str, np.ndarray]]
 
 
-def read_confined(path: Path) -> tuple[Floats, Cells]:
-    """A file's points (n, 2 or 3) and elements, as meshio reads them.
+def read_meshio(path: Path) -> tuple[Floats, Cells]:
+    """A file's points (n, 2 or 3) and elements.
 
     Raises:
         ValueError: it cannot be read, or takes too much time or memory.
     """
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _confine) as pool:
-        try:
-            found = pool.submit(_read, path).result()
-        except BrokenProcessPool:
-            raise ValueError("it takes too much time or memory") from None
+    try:
+        found = in_child_process(_read, path, limits=LIMITS)
+    except ChildDiedError:
+        raise ValueError("it takes too much time or memory") from None
     if isinstance(found, str):
         raise ValueError(found)
     return found
-
-
-def _confine() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is the parent's: the child just ends
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
-    resource.setrlimit(resource.RLIMIT_CPU, (MOST_SECONDS, MOST_SECONDS))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def _read(path: Path) -> tuple[Floats, Cells] | str:

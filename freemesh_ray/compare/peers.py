@@ -1,0 +1,47 @@
+"""The peers, meshers of others: how each meshes, and what it needs. None is imported before it meshes.
+
+A new peer is an entry here and a file beside it with ``mesh(domain: Domain, name: str) -> MixedMesh``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Peer:
+    """One peer.
+
+    Attributes:
+        meaning: how it meshes, in a line.
+        module: its file in this package.
+        package: what installs it.
+        needs: what has to be there to import.
+        crashes: whether it now and then takes its process down, or a later call there: it is given one of its own.
+    """
+
+    meaning: str
+    module: str
+    package: str
+    needs: str
+    crashes: bool = False
+
+
+#: Every peer by its name, in the order in which they are listed.
+PEERS: dict[str, Peer] = {
+    "gmsh-default": Peer("Frontal-Delaunay triangles, recombined by Blossom", "gmsh_mesher", "gmsh", "gmsh"),
+    "gmsh-8": Peer(
+        "Frontal-Delaunay for quads, recombined by Blossom, nodes relocated", "gmsh_mesher", "gmsh", "gmsh"
+    ),
+    "gmsh-full-quad": Peer(
+        "Blossom full-quad on pairs of boundary segments, which it halves again", "gmsh_mesher", "gmsh", "gmsh"
+    ),
+    "gmsh-quasi": Peer(
+        "Frontal-Delaunay for quads, Blossom, then the quasi-structured optimisation",
+        "gmsh_mesher", "gmsh", "gmsh", crashes=True,
+    ),
+    "netgen": Peer("Netgen, quad-dominated", "netgen_mesher", "netgen-mesher", "netgen.geom2d"),
+}  # fmt: skip
+
+#: What installs them, each once.
+PACKAGES = tuple(dict.fromkeys(peer.package for peer in PEERS.values()))
