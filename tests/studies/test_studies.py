@@ -18,7 +18,7 @@ import yaml
 from freemesh_ray.storage.lock import holder
 from freemesh_ray.studies.study_folder import StudyFolder
 
-SCRIPT = Path(__file__).parent / "fake_study.py"
+SCRIPT = Path(__file__).parents[1] / "fake_study.py"
 SETTINGS = {
     "curriculum.stages": ["T1"],
     "runners.count": 0,
