@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from freemesh_ray.cli.arguments import add_command, add_settings
+from freemesh_ray.config.paths import pasted
 from freemesh_ray.formatting.table import table
 from freemesh_ray.tracking import browsing
 
@@ -169,8 +170,8 @@ def _closing(result: StudyResult, study: Study) -> str:
         nothing = "" if result.evaluation[metric(mode, "completion_rate")] else ", but it completes no mesh"
         found = f"{study.metric} {result.evaluation[study.metric]:.3f}{nothing}"
         lines.append(f"best    {best.label}, seed {best.seed}: {found}")
-        lines.append(f"policy  {normpath(result.folder.run_of(best).policy)}")
-    lines.append(f"report  {result.folder.report / 'report.md'}")
+        lines.append(f"policy  {pasted(normpath(result.folder.run_of(best).policy))}")
+    lines.append(f"report  {pasted(result.folder.report / 'report.md')}")
     tracking = study.settings_of_all()["tracking"]
     if tracking["enabled"]:
         lines.append(f"compare {browsing(tracking['uri'])}")

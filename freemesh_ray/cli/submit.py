@@ -16,7 +16,9 @@ from envs.errors import INTERRUPTED
 from freemesh_ray import config
 from freemesh_ray.cli import study, train
 from freemesh_ray.cli.arguments import Parser, add_command, whole
+from freemesh_ray.config import check as check_setting
 from freemesh_ray.config import paths
+from freemesh_ray.config.schema import FOLDER
 from freemesh_ray.jobs import server
 from freemesh_ray.jobs.package import check_size
 from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
@@ -65,6 +67,8 @@ def run(options: argparse.Namespace) -> int:
     """
     command = options.line[1:] if options.line[:1] == ["--"] else options.line
     name = checked(command)
+    if options.home:
+        check_setting(options.home, FOLDER, "--home", "the home")
     url = server.address(options.address)
     variables = {
         paths.HOME: options.home, paths.STORE: options.tracking,

@@ -107,7 +107,7 @@ class StopSignal:
 
 def train_table(result: TrainingResult, config: Mapping[str, Any]) -> str:
     """What a training ends with."""
-    from freemesh_ray.config.paths import shown
+    from freemesh_ray.config.paths import pasted
     from freemesh_ray.formatting.table import duration, table
     from freemesh_ray.tracking import browsing
 
@@ -124,13 +124,15 @@ def train_table(result: TrainingResult, config: Mapping[str, Any]) -> str:
         f"trained {progress.env_steps:,} steps, {progress.updates:,} updates in {duration(progress.seconds)}"
         f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s)",
         f"best policy from step {progress.best_steps:,}",
-        f"policy      {shown(result.policy)}",
-        f"checkpoint  {shown(result.checkpoint)}",
-        f"curve       {shown(result.curve)}",
+        f"policy      {pasted(result.policy)}",
+        f"checkpoint  {pasted(result.checkpoint)}",
+        f"curve       {pasted(result.curve)}",
     ]
-    lines += [f"{stage.domain:<11} {shown(stage.files[0]) if stage.files else stage.reason}" for stage in result.stages]
+    lines += [
+        f"{stage.domain:<11} {pasted(stage.files[0]) if stage.files else stage.reason}" for stage in result.stages
+    ]
     for folder in {path.parent: None for stage in result.stages for path in stage.files}:
-        lines.append(f"meshes      {shown(folder / '*')}")
+        lines.append(f"meshes      {pasted(folder)}")
     if config["tracking"]["enabled"]:
         lines.append(f"compare     {browsing(config['tracking']['uri'])}")
     return "\n".join(lines)

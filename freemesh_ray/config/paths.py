@@ -11,6 +11,7 @@ A FILE in ``sqlite:///FILE`` is its plain name: ``%20`` and ``?`` in it stand fo
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,11 @@ class Paths:
             "tracking": {**tracking, "uri": uri},
             "paths": {key: str(self.home / path) for key, path in paths.items()},
         }
+
+
+def pasted(path: str | Path) -> str:
+    """A path as it can be pasted into a shell in the current folder."""
+    return shlex.quote(shown(path))
 
 
 def shown(path: str | Path) -> str:

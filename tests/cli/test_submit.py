@@ -117,6 +117,7 @@ def test_a_job_that_is_named_and_not_followed() -> None:
         (["--", "study", "algorithms", "--set", "seed=1"], "seed"),
         (["--", "study", "../mine.yaml"], "outside the folder that is uploaded"),
         (["--cpus", "-1", "--", "train"], "--cpus"),
+        (["--home", "s3://bucket/home", "--", "train"], "--home: the home: must be a folder, not a URL"),
         (["--address", "ray://head:10001", "--", "train"], "http://HEAD:8265"),
     ],
 )

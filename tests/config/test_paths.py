@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import yaml
 from envs.errors import BAD_INPUT
 from freemesh_ray import config
 from freemesh_ray.cli import command
-from freemesh_ray.config.paths import HOME, JOB, STORE, Paths, shown
+from freemesh_ray.config.paths import HOME, JOB, STORE, Paths, pasted, shown
 from freemesh_ray.studies.definition import load
 from freemesh_ray.studies.plan import variant_plan
 from freemesh_ray.studies.runner import planned
@@ -112,3 +113,5 @@ def test_places_are_shown_as_they_can_be_typed(here: Path) -> None:
     assert shown(f"sqlite:///{here}/mlflow.db") == "sqlite:///mlflow.db"
     assert shown("sqlite:////elsewhere/x.db") == "sqlite:////elsewhere/x.db"
     assert shown("http://host:5000") == "http://host:5000"
+    for name in ("a b", "it's", "ü?*", "$HOME"):
+        assert shlex.split(pasted(here / name / "x")) == [f"{name}/x"]

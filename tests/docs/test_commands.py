@@ -18,9 +18,9 @@ import click_lines
 import pytest
 from clone import Clone
 from documents import Code, blocks, commands, documents, inline
-from freemesh_ray.errors import INTERRUPTED
 from processes import free_port
 
+from envs.errors import INTERRUPTED
 from freemesh_ray import config
 from freemesh_ray.cli import command as cli
 from freemesh_ray.policies.policy import DEFAULT

@@ -155,7 +155,7 @@ def test_the_end_tells_raw_and_finished_meshes_and_where_all_lies(
     assert told["policy"] == ["runs/fake/policy.npz"]
     assert told["checkpoint"] == ["runs/fake/checkpoints/step_000001000"]
     assert told["curve"] == ["runs/fake/learning_curve.png"]
-    assert told["meshes"] == ["runs/fake/meshes/*"]
+    assert told["meshes"] == ["runs/fake/meshes"]
     assert told["compare"][1:] == ["ui", "--backend-store-uri", "sqlite:///mlflow.db"]
     settings["tracking"]["enabled"] = False
     assert "compare" not in train_table(result, settings)
