@@ -153,11 +153,11 @@ FILES: dict[str, tuple[str, str, str]] = {
 #: Names, and the same of them.
 SPECS = {
     "T4": ("'T4'", "did you mean"),
-    "random:x": ("seed = 'x'", "write random:7"),
+    "random:x": ("seed = 'x'", "write random"),
     "random:-1": ("seed = -1", "choose it from 0"),
     "random:7?size=1": ("'size'", "use vertices"),
     "random:7?vertices=31": ("vertices = 31", "choose an even number"),
-    "part:x": ("seed = 'x'", "write part:7"),
+    "part:x": ("seed = 'x'", "write part"),
     "part:-1": ("seed = -1", "choose it from 0"),
     "nowhere.json": ("no such file", "check the path"),
     "a\0b.json": ("cannot be read", "check the path"),

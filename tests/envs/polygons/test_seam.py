@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from envs.domains.load import from_rings
+from envs.domains.load import from_ring_with_seam, from_rings
+from envs.polygons import seam
 from envs.polygons.seam import bridge_candidates
 from envs.types import Floats
 
@@ -26,6 +27,18 @@ def test_seams_seldom_share_a_vertex() -> None:
         holes = [square_hole(rng, x, y) for x in (3.0, 7.0) for y in (3.0, 7.0)]
         visits.append(np.bincount(from_rings(PLATE, holes).ring).max())
     assert np.mean(np.array(visits) > 2) < 0.1, "a vertex at which one seam ends is visited twice"
+
+
+def test_seams_that_share_a_vertex_do_not_cross(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(seam, "SHARED_VERTEX", 0.1)
+    rng = np.random.default_rng(0)
+    most = 0
+    for _ in range(20):
+        holes = [square_hole(rng, x, y) for x in (3.0, 7.0) for y in (3.0, 7.0)]
+        domain = from_rings(PLATE, holes)
+        most = max(most, np.bincount(domain.ring).max())
+        assert from_ring_with_seam(domain.vertices).area == pytest.approx(domain.area)
+    assert most > 2
 
 
 def bridge_cost(gap: float) -> float:
