@@ -9,7 +9,7 @@ from envs.domains.random_domain import circle
 from envs.types import Domain
 from freemesh_ray.bench.environment import cross
 from freemesh_ray.formatting.table import table
-from freemesh_ray.mesher import make
+from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import Policy
 
 #: Vertices of the discs and crosses that the mesher is timed on.
@@ -26,16 +26,17 @@ def run(policy: Policy) -> None:
     rows, sizes, times = [], [], []
     for domain in [*map(disc, DISCS), *map(cross, CROSSES)]:
         # The first time compiles and touches the memory.
-        made = min((make(policy, domain) for _ in range(4)), key=lambda one: one.seconds_finished)
+        made = min((mesh_domain(policy, domain) for _ in range(4)), key=lambda one: one.seconds_finished)
         raw, finished = len(made.raw.quads), len(made.finished.quads)
         sizes.append(raw)
         times.append(made.seconds_finished)
         rows.append(
             [
                 domain.name, f"{finished:,}", f"{raw / made.seconds_raw:,.0f}",
-                f"{finished / made.seconds_finished:,.0f}", str(made.attempts), f"{made.detours:,}", f"{made.filled:,}",
+                f"{finished / made.seconds_finished:,.0f}", str(made.attempts),
+                f"{made.backtracks:,}", f"{made.filled:,}",
             ]
         )  # fmt: skip
     growth = np.polyfit(np.log(sizes), np.log(times), 1)[0]
     print(f"mesher, one core (time grows as elements^{growth:.2f})")
-    print(table(["domain", "elements", "raw, elements/s", "finished", "attempts", "detours", "filled"], rows))
+    print(table(["domain", "elements", "raw, elements/s", "finished", "attempts", "backtracks", "filled"], rows))

@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     """
     from envs.domains.load import load_all
     from freemesh_ray.cli.progress_line import CompilingLine
-    from freemesh_ray.mesher.api import SUFFIXES, mesh_domain
+    from freemesh_ray.mesher.api import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.policies.policy import SHIPPED, Policy
 
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
     for i, domain in enumerate(domains):
-        mesh = mesh_domain(domain, policy, **wishes)
+        mesh = Mesh.from_domain(domain, policy, **wishes)
         paths = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
         for path in paths:
             mesh.write(path, version=options.msh_version, quadratic=options.quadratic)
@@ -133,13 +133,13 @@ def check_outputs(paths: Sequence[Path], known: Sequence[str]) -> None:
 
 def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> str:
     """A line on a mesh that was written, with its ``quality()``, and one on what recovery it needed, if any."""
-    made = mesh.made
+    made = mesh.result
     line = (
         f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
         f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "
         f"{figures['singularity']:.0f} irregular nodes -> {', '.join(map(str, outputs))}"
     )
     helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
-    if made.detours:
-        helped.append(f"{made.detours} detours")
+    if made.backtracks:
+        helped.append(f"{made.backtracks} backtracks")
     return f"{line}\n{' ' * len(mesh.name)}  recovery: {', '.join(helped)}" if helped else line

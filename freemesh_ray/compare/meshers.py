@@ -9,7 +9,7 @@ from importlib import import_module
 from envs.types import Domain
 from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, of_mesh
-from freemesh_ray.compare.our_mesher import Make
+from freemesh_ray.compare.our_mesher import MeshDomain
 from freemesh_ray.compare.peers import PEERS
 
 
@@ -30,7 +30,7 @@ class Mesher:
 OURS, RAW = "freemesh", "freemesh raw"
 
 
-def ours(make: Make) -> Mesher:
+def ours(make: MeshDomain) -> Mesher:
     """Our mesher: its finished mesh, and the raw one where that is another."""
 
     def run(domain: Domain) -> list[MixedMesh]:

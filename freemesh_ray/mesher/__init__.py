@@ -1,5 +1,5 @@
 """Policy and domain in, mesh out."""
 
-from freemesh_ray.mesher.meshing import Made, MeshingError, make
+from freemesh_ray.mesher.meshing import MeshingError, MeshResult, mesh_domain
 
-__all__ = ["Made", "MeshingError", "make"]
+__all__ = ["MeshResult", "MeshingError", "mesh_domain"]

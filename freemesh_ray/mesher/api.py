@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from envs.domains.load import from_object, load_all
 from envs.mesh import Mesh as PlainMesh
 from envs.types import Domain, DomainError
 from freemesh_ray import export, plots
-from freemesh_ray.mesher import Made, make
+from freemesh_ray.mesher import MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.plots import replay
 from freemesh_ray.policies.policy import DEFAULT, SHIPPED, Policy
@@ -25,13 +25,29 @@ class Mesh(PlainMesh):
     """An all-quad mesh, finished.
 
     Attributes:
-        made: how it came about: the mesh as the policy left it, times, what recovery was needed.
+        result: how it came about: the mesh as the policy left it, times, what recovery was needed.
 
     ``name``, ``vertices`` (n, 2) float64, ``quads`` (m, 4) int64 counter-clockwise, ``segments`` (s, 2) int64: see
     envs.mesh.Mesh.
     """
 
-    made: Made
+    result: MeshResult
+
+    @classmethod
+    def from_domain(cls, domain: Domain, policy: Policy | None = None, **options: Any) -> Self:
+        """The mesh of a domain.
+
+        Args:
+            domain: see envs.domains.load.load.
+            policy: the shipped one by default.
+            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.mesh_domain.
+
+        Raises:
+            MeshingError: a domain thinner than its coordinates are precise.
+        """
+        result = mesh_domain(Policy.load(DEFAULT) if policy is None else policy, domain, **options)
+        best = result.finished
+        return cls(best.name, best.vertices, best.quads, best.segments, best.complete, result)
 
     def quality(self) -> dict[str, float]:
         """The mesh in numbers, by name; docs/glossary.md explains them.
@@ -66,25 +82,9 @@ class Mesh(PlainMesh):
         if place.suffix.lower() in plots.SUFFIXES:
             self.plot(place)
         elif place.suffix.lower() == replay.SUFFIX:
-            replay.write(self.made.raw, place, None if self.made.finished is self.made.raw else self)
+            replay.write(self.result.raw, place, None if self.result.finished is self.result.raw else self)
         else:
             export.write(self, place, version, quadratic)
-
-
-def mesh_domain(domain: Domain, policy: Policy | None = None, **options: Any) -> Mesh:
-    """The mesh of a domain.
-
-    Args:
-        domain: see envs.domains.load.load.
-        policy: the shipped one by default.
-        options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.make.
-
-    Raises:
-        MeshingError: a domain thinner than its coordinates are precise.
-    """
-    made = make(Policy.load(DEFAULT) if policy is None else policy, domain, **options)
-    best = made.finished
-    return Mesh(best.name, best.vertices, best.quads, best.segments, best.complete, made)
 
 
 def mesh(
@@ -110,7 +110,7 @@ def mesh(
         name: what messages and files call it; by default the file's name, or ``polygon``.
         density: ``sparse``, ``medium`` or ``dense``: how large elements grow inside.
         policy: the shipped one of that density by default.
-        options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.make.
+        options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.mesh_domain.
 
     Raises:
         DomainError: not one polygon, or one that cannot be meshed; one line with the place and the fix.
@@ -129,4 +129,4 @@ def mesh(
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
-    return mesh_domain(domain, policy, **options)
+    return Mesh.from_domain(domain, policy, **options)

@@ -18,7 +18,7 @@ from freemesh_ray.mesher.undo_log import element
 VERTICES = 8
 
 
-class Choice(NamedTuple):
+class Candidates(NamedTuple):
     """The best action so far.
 
     Attributes:
@@ -37,9 +37,9 @@ class Choice(NamedTuple):
     keys: Floats
 
 
-def choice() -> Choice:
+def candidates() -> Candidates:
     """No action yet."""
-    return Choice(
+    return Candidates(
         action=np.zeros(5),
         slot=np.zeros(1, dtype=np.int64),
         merit=np.full(1, -np.inf),
@@ -57,20 +57,20 @@ def keep(action: Floats, place: Floats) -> None:
 
 
 @inlined
-def begin(choice: Choice) -> None:
+def begin(candidates: Candidates) -> None:
     """Forget the best action."""
-    choice.merit[0] = -np.inf
+    candidates.merit[0] = -np.inf
 
 
 @inlined
-def found(choice: Choice) -> bool:
+def found(candidates: Candidates) -> bool:
     """Whether any action was valid."""
-    return choice.merit[0] > -np.inf
+    return candidates.merit[0] > -np.inf
 
 
 @inner
 def consider(
-    choice: Choice, front: Front, slot: int, agent: Agent, judged: bool, type2: bool, numbers: Numbers
+    candidates: Candidates, front: Front, slot: int, agent: Agent, judged: bool, type2: bool, numbers: Numbers
 ) -> None:
     """Try the draft at a slot.
 
@@ -83,10 +83,10 @@ def consider(
         type2: how the draft is to be read.
         numbers: the MDP's numbers.
     """
-    cut = element(front, slot, choice.draft, type2, numbers)
+    cut = element(front, slot, candidates.draft, type2, numbers)
     if cut.rejection != ACCEPTED:
         return
-    merit = value(agent, choice.draft) if judged and agent.judges else immediate_reward(front, cut, numbers)
-    if merit > choice.merit[0]:
-        choice.merit[0], choice.slot[0] = merit, slot
-        keep(choice.draft, choice.action)
+    merit = value(agent, candidates.draft) if judged and agent.judges else immediate_reward(front, cut, numbers)
+    if merit > candidates.merit[0]:
+        candidates.merit[0], candidates.slot[0] = merit, slot
+        keep(candidates.draft, candidates.action)

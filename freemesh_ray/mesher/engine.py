@@ -3,7 +3,7 @@
 Remedies where the mean action is invalid, in this order:
 
     recovery     the policy's own draws; well-shaped elements and uniform draws at the reference vertex
-    detour       what blocks the vertex is taken back and cut another way, more of it each time that does not help
+    backtracking       what blocks the vertex is taken back and cut another way, more of it each time that does not help
     recovery     the policy, then any shape, at other vertices, for a while
     lookahead    fills the last ring, always
 """
@@ -23,7 +23,7 @@ from envs.mesh import Mesh
 from envs.types import Domain, Floats, Ints
 from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
 from freemesh_ray.mesher.backtracking import elements_back, is_near, mark
-from freemesh_ray.mesher.candidates import Choice, begin, choice, found
+from freemesh_ray.mesher.candidates import Candidates, begin, candidates, found
 from freemesh_ray.mesher.lookahead import DEPTH, RING_LIMIT, Tree, fill, tree
 from freemesh_ray.mesher.recovery import STUCK, elsewhere, here, sample, scatter
 from freemesh_ray.mesher.undo_log import (
@@ -32,26 +32,26 @@ from freemesh_ray.mesher.undo_log import (
     SAMPLED,
     SOURCES,
     WIDE,
-    Trail,
+    UndoLog,
     cut_action,
     cut_off,
     element,
     take_back,
-    trail,
+    undo_log,
 )
 from freemesh_ray.policies.policy import Policy
 
-#: Detours with the same number of elements near the stuck vertex taken back; the numbers, 1, 2, 4, ..; and detours
-#: without progress after which the engine gives up.
+#: Backtracks that take back the same number of elements near the stuck vertex; the numbers, 1, 2, 4, ..; and
+#: backtracks without progress after which the engine gives up.
 TRIES, DOUBLINGS, PATIENCE = 4, 7, 40
-#: Draws, of which the best is taken, at a vertex on a detour.
+#: Draws, of which the best is taken, at a vertex on a backtrack.
 DRAWS = 4
-#: Elements for which other vertices than the reference vertex are tried when all detours have failed.
+#: Elements for which other vertices than the reference vertex are tried when all backtracks have failed.
 WANDER = 32
 #: Elements taken back in all beyond which the engine gives up: a number, and a share of the elements.
 SLACK, SHARE = 10_000, 1.0
-#: Entries of a tally: detours, and elements taken back in all.
-DETOURS, TAKEN_BACK = range(2)
+#: Entries of a tally: backtracks, and elements taken back in all.
+BACKTRACKS, TAKEN_BACK = range(2)
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class Grown:
         mesh: complete or not.
         ring: (r,) int64, mesh vertices of the ring that is left, counter-clockwise; empty when complete.
         action_types: elements of each type, by name (action.ACTION_TYPES); the last one has none.
-        sources: elements by where they came from, by name (trail.SOURCES).
-        detours: times that elements were taken back.
+        sources: elements by where they came from, by name (undo_log.SOURCES).
+        backtracks: times that elements were taken back.
         taken_back: elements taken back in all.
     """
 
@@ -71,46 +71,46 @@ class Grown:
     ring: Ints
     action_types: dict[str, int]
     sources: dict[str, int]
-    detours: int
+    backtracks: int
     taken_back: int
 
 
 @compiled
 def run(
-    front: Front, trail: Trail, agent: Agent, choice: Choice, tree: Tree, numbers: Numbers, cap: int,
+    front: Front, undo_log: UndoLog, agent: Agent, candidates: Candidates, tree: Tree, numbers: Numbers, cap: int,
     exploration: float, patience: int, random: np.random.Generator, tally: Ints, place: Floats,
 ) -> None:  # fmt: skip
     """Mesh a front until it is closed, has ``cap`` elements, or nothing helps."""
-    detour_end = wander_end = 0  # elements up to which the front is on a detour, or tries other vertices
+    backtrack_end = wander_end = 0  # elements up to which the front is on a backtrack, or tries other vertices
     farthest = stuck = 0  # elements where it was stuck, and how often it was without getting farther
     while front.counts[RING] > 4 and front.counts[ELEMENTS] < cap:
-        if front.counts[RING] <= RING_LIMIT and fill(tree, front, trail, agent, numbers.type2, numbers):
+        if front.counts[RING] <= RING_LIMIT and fill(tree, front, undo_log, agent, numbers.type2, numbers):
             break
         elements = front.counts[ELEMENTS]
         slot = reference_slot(front)
         look(agent, front, slot, numbers)
         source = STUCK
-        begin(choice)
+        begin(candidates)
         # Draws of the policy and of all actions by turns: where it is stuck, the policy is often sure of itself.
-        detour = elements < detour_end and is_near(front, slot, place)
-        if detour and stuck % 2 == 0:
-            scatter(choice, front, slot, agent, DRAWS, False, numbers, random)
+        backtracking = elements < backtrack_end and is_near(front, slot, place)
+        if backtracking and stuck % 2 == 0:
+            scatter(candidates, front, slot, agent, DRAWS, False, numbers, random)
             source = WIDE
-        elif detour or (exploration > 0.0 and random.random() < exploration):
-            sample(choice, front, slot, agent, DRAWS, numbers.type2, numbers, random)
+        elif backtracking or (exploration > 0.0 and random.random() < exploration):
+            sample(candidates, front, slot, agent, DRAWS, numbers.type2, numbers, random)
             source = SAMPLED
-        if not found(choice):
-            mean_action(agent, choice.action)
-            cut = element(front, slot, choice.action, numbers.type2, numbers)
+        if not found(candidates):
+            mean_action(agent, candidates.action)
+            cut = element(front, slot, candidates.action, numbers.type2, numbers)
             if cut.rejection == ACCEPTED:
-                cut_off(front, trail, cut, decode_type(choice.action[0], numbers.type2), POLICY, numbers.n_rv)
+                cut_off(front, undo_log, cut, decode_type(candidates.action[0], numbers.type2), POLICY, numbers.n_rv)
                 continue
-            source = here(choice, front, slot, agent, numbers.type2, numbers, random)
+            source = here(candidates, front, slot, agent, numbers.type2, numbers, random)
             if source == STUCK and elements < wander_end:
-                source = elsewhere(choice, front, agent, numbers.type2, numbers, random)
+                source = elsewhere(candidates, front, agent, numbers.type2, numbers, random)
         if source != STUCK:
             type2 = numbers.type2 or source == WIDE
-            cut_action(front, trail, choice.slot[0], choice.action, type2, source, numbers)
+            cut_action(front, undo_log, candidates.slot[0], candidates.action, type2, source, numbers)
             continue
 
         if elements > farthest:
@@ -123,12 +123,12 @@ def run(
             break
         mark(front, slot, place)
         back = elements_back(front, elements, 1 << ((stuck - 1) // TRIES), place)
-        detour_end = elements
-        tally[DETOURS] += 1
+        backtrack_end = elements
+        tally[BACKTRACKS] += 1
         tally[TAKEN_BACK] += back
-        take_back(front, trail, back, numbers.n_rv)
+        take_back(front, undo_log, back, numbers.n_rv)
     if front.counts[RING] == 4:
-        trail.source[front.counts[ELEMENTS]] = LAST
+        undo_log.source[front.counts[ELEMENTS]] = LAST
         close(front)
 
 
@@ -142,7 +142,7 @@ def grow(
         domain: a ring of at least 6 vertices.
         seed: of all draws, as for numpy.random.default_rng; the same arguments give the same mesh.
         exploration: share of the elements for which the policy's draws are taken in place of its mean, [0, 1].
-        patience: detours without progress after which to give up.
+        patience: backtracks without progress after which to give up.
     """
     parameters = policy.parameters
     # A look-ahead may begin just below the cap, and the last action cuts two elements.
@@ -151,9 +151,9 @@ def grow(
     # Type 2, which lets a front grow, is among the remedies whatever the policy does.
     start = fr.template(domain, parameters, fr.capacity(len(domain.ring), replace(parameters, type2=True)))
     front = fr.with_room(start, 2 * room, room)
-    log, tally = trail(room), np.zeros(2, dtype=np.int64)
+    log, tally = undo_log(room), np.zeros(2, dtype=np.int64)
     run(
-        front, log, agent(policy), choice(), tree(), numbers(parameters), cap,
+        front, log, agent(policy), candidates(), tree(), numbers(parameters), cap,
         float(exploration), patience, np.random.default_rng(seed), tally, np.zeros(3),
     )  # fmt: skip
     count = int(front.counts[ELEMENTS])
@@ -172,6 +172,6 @@ def grow(
         ring=front.vid[fr.ring_slots(front)],
         action_types=dict(zip(ACTION_TYPES, types.tolist(), strict=True)),
         sources=dict(zip(SOURCES, sources.tolist(), strict=True)),
-        detours=int(tally[DETOURS]),
+        backtracks=int(tally[BACKTRACKS]),
         taken_back=int(tally[TAKEN_BACK]),
     )

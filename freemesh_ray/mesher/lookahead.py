@@ -19,7 +19,7 @@ from envs.types import Floats, Ints
 from freemesh_ray.mesher.agent import Agent, look, mean_action
 from freemesh_ray.mesher.candidates import keep
 from freemesh_ray.mesher.ideal_elements import DISTANCES, shape
-from freemesh_ray.mesher.undo_log import LOOKAHEAD, Trail, cut_action, cut_off, element, take_back
+from freemesh_ray.mesher.undo_log import LOOKAHEAD, UndoLog, cut_action, cut_off, element, take_back
 
 #: Rings of up to this many vertices are searched.
 RING_LIMIT = 10
@@ -116,7 +116,7 @@ def rating(least: float, total: float, count: int) -> float:
 
 
 @inner
-def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: bool, numbers: Numbers) -> bool:
+def fill(tree: Tree, front: Front, undo_log: UndoLog, agent: Agent, policy_type2: bool, numbers: Numbers) -> bool:
     """Mesh the ring up to its last four vertices as well as can be found.
 
     Returns:
@@ -129,7 +129,7 @@ def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: boo
         if tree.tried[level] == tree.width[level]:
             level -= 1
             if level >= 0:
-                take_back(front, trail, 1, numbers.n_rv)
+                take_back(front, undo_log, 1, numbers.n_rv)
             continue
         branch = tree.tried[level]
         tree.tried[level] += 1
@@ -141,7 +141,7 @@ def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: boo
         missing = (front.counts[RING] + 4 - 2 * cut.k - 2) // 2
         if rating(least, total + missing, level + 1 + missing) <= best:
             continue
-        cut_off(front, trail, cut, decode_type(action[0], True), LOOKAHEAD, numbers.n_rv)
+        cut_off(front, undo_log, cut, decode_type(action[0], True), LOOKAHEAD, numbers.n_rv)
         if front.counts[RING] == 4:
             last = ring_quality(front)
             found = rating(min(least, last), total + last, level + 2)
@@ -156,7 +156,7 @@ def fill(tree: Tree, front: Front, trail: Trail, agent: Agent, policy_type2: boo
             tree.least[level], tree.total[level] = least, total
             expand(tree, level, front, agent, policy_type2, numbers)
             continue
-        take_back(front, trail, 1, numbers.n_rv)
+        take_back(front, undo_log, 1, numbers.n_rv)
     for i in range(length):
-        cut_action(front, trail, tree.best_slot[i], tree.best_action[i], True, LOOKAHEAD, numbers)
+        cut_action(front, undo_log, tree.best_slot[i], tree.best_action[i], True, LOOKAHEAD, numbers)
     return length > 0

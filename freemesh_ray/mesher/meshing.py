@@ -37,7 +37,7 @@ class MeshingError(UserError, RuntimeError):
 
 
 @dataclass(frozen=True)
-class Made:
+class MeshResult:
     """A mesh, as the policy left it and as it is handed out; both without defects.
 
     Attributes:
@@ -48,7 +48,7 @@ class Made:
         attempts: times that the policy began.
         sources: elements by where they came from (see engine.Grown), of the attempt that is handed out; those that
             filled the ring that was left count as ``filled``.
-        detours: times that elements were taken back.
+        backtracks: times that elements were taken back.
         sequences: topological changes of the clean-up.
     """
 
@@ -58,7 +58,7 @@ class Made:
     seconds_finished: float
     attempts: int = 1
     sources: Mapping[str, int] = field(default_factory=dict)
-    detours: int = 0
+    backtracks: int = 0
     sequences: int = 0
 
     @property
@@ -67,7 +67,7 @@ class Made:
         return self.sources.get("filled", 0)
 
 
-def make(
+def mesh_domain(
     policy: Policy,
     domain: Domain,
     *,
@@ -76,7 +76,7 @@ def make(
     search: bool = False,
     smooth: bool = True,
     clean: bool = True,
-) -> Made:
+) -> MeshResult:
     """Mesh a domain.
 
     Args:
@@ -95,7 +95,7 @@ def make(
     """
     warm_up(policy)
     began = time.perf_counter()
-    candidates = [made(policy, domain, (seed, k), search, smooth, clean) for k in range(best_of)]
+    candidates = [mesh_once(policy, domain, (seed, k), search, smooth, clean) for k in range(best_of)]
     best = max(candidates, key=lambda one: mean_quality(one.finished))
     return replace(best, seconds_finished=time.perf_counter() - began) if best_of > 1 else best
 
@@ -105,8 +105,10 @@ def mean_quality(mesh: Mesh) -> float:
     return float(element_quality(mesh.vertices, mesh.quads).mean())
 
 
-def made(policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, smooth: bool, clean: bool) -> Made:
-    """One mesh for `make`."""
+def mesh_once(
+    policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, smooth: bool, clean: bool
+) -> MeshResult:
+    """One mesh for `mesh_domain`."""
     began = time.perf_counter()
     grown, attempts = nothing(domain), 0
     while len(domain.ring) > 4 and attempts < ATTEMPTS and not grown.mesh.complete:
@@ -120,7 +122,7 @@ def made(policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, sm
         result = finish(raw, smooth=smooth, clean=clean)
         finished, sequences = validated(result.mesh, domain), result.sequences
     seconds = time.perf_counter() - began
-    return Made(raw, finished, seconds_raw, seconds, attempts, sources, grown.detours, sequences)
+    return MeshResult(raw, finished, seconds_raw, seconds, attempts, sources, grown.backtracks, sequences)
 
 
 def exploration(search: bool, number: int) -> float:
@@ -131,7 +133,7 @@ def exploration(search: bool, number: int) -> float:
 def nothing(domain: Domain) -> Grown:
     """The domain before anything was cut."""
     empty = Mesh(domain.name, domain.points, np.zeros((0, 4), dtype=np.int64), domain.segments, complete=False)
-    return Grown(mesh=empty, ring=domain.ring, action_types={}, sources={}, detours=0, taken_back=0)
+    return Grown(mesh=empty, ring=domain.ring, action_types={}, sources={}, backtracks=0, taken_back=0)
 
 
 def covered(grown: Grown) -> tuple[bool, float]:

@@ -17,7 +17,7 @@ POLICY, SAMPLED, NEXT, WIDE, LOOKAHEAD, LAST = range(6)
 SOURCES = ("policy", "sampled", "next vertex", "wide", "look-ahead", "last")
 
 
-class Trail(NamedTuple):
+class UndoLog(NamedTuple):
     """A line for each element, in the order of ``Front.quads``.
 
     Attributes:
@@ -33,9 +33,9 @@ class Trail(NamedTuple):
     area: Floats
 
 
-def trail(elements: int) -> Trail:
+def undo_log(elements: int) -> UndoLog:
     """Room for ``elements`` lines."""
-    return Trail(
+    return UndoLog(
         start=np.zeros(elements, dtype=np.int64),
         action_type=np.zeros(elements, dtype=np.int8),
         source=np.zeros(elements, dtype=np.int8),
@@ -50,26 +50,26 @@ def element(front: Front, slot: int, action: Floats, type2: bool, numbers: Numbe
 
 
 @inner
-def cut_off(front: Front, trail: Trail, cut: Cut, action_type: int, source: int, n_rv: int) -> None:
+def cut_off(front: Front, undo_log: UndoLog, cut: Cut, action_type: int, source: int, n_rv: int) -> None:
     """Cut an accepted element off the front and note it."""
     line = front.counts[ELEMENTS]
-    trail.start[line], trail.action_type[line], trail.source[line] = cut.start, action_type, source
-    trail.area[line] = front.measure[AREA]
+    undo_log.start[line], undo_log.action_type[line], undo_log.source[line] = cut.start, action_type, source
+    undo_log.area[line] = front.measure[AREA]
     take(front, cut, n_rv)
 
 
 @inner
 def cut_action(
-    front: Front, trail: Trail, slot: int, action: Floats, type2: bool, source: int, numbers: Numbers
+    front: Front, undo_log: UndoLog, slot: int, action: Floats, type2: bool, source: int, numbers: Numbers
 ) -> None:
     """Cut the element that a valid action asks for at a slot off the front."""
     cut = element(front, slot, action, type2, numbers)
-    cut_off(front, trail, cut, decode_type(action[0], type2), source, numbers.n_rv)
+    cut_off(front, undo_log, cut, decode_type(action[0], type2), source, numbers.n_rv)
 
 
 @inner
-def take_back(front: Front, trail: Trail, elements: int, n_rv: int) -> None:
+def take_back(front: Front, undo_log: UndoLog, elements: int, n_rv: int) -> None:
     """Take the last elements back, exactly; at most as many as there are."""
     for _ in range(min(elements, front.counts[ELEMENTS])):
         line = front.counts[ELEMENTS] - 1
-        retreat(front, trail.start[line], CHAIN_EDGES[trail.action_type[line]], trail.area[line], n_rv)
+        retreat(front, undo_log.start[line], CHAIN_EDGES[undo_log.action_type[line]], undo_log.area[line], n_rv)

@@ -8,7 +8,7 @@ import numpy as np
 
 from envs.mesh import Mesh
 from envs.types import Domain, Ints
-from freemesh_ray.compare.our_mesher import Make
+from freemesh_ray.compare.our_mesher import MeshDomain
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.mesher import MeshingError
 from freemesh_ray.paper_tables.published import published
@@ -17,7 +17,7 @@ from freemesh_ray.paper_tables.published import published
 DOMAINS = ("D4", "D5", "D6", "D7")
 
 
-def generalisation(domains: Sequence[Domain], make: Make) -> str:
+def generalisation(domains: Sequence[Domain], make: MeshDomain) -> str:
     """The table: completion and actions by type of each domain, and of all of them, beside what the paper prints."""
     paper = published("generalisation")
     lines, total, completed = [], np.zeros(3, dtype=np.int64), 0

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.types import Domain
-from freemesh_ray.compare.our_mesher import Make
+from freemesh_ray.compare.our_mesher import MeshDomain
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.mesher import MeshingError
 from freemesh_ray.paper_tables.published import published
@@ -26,7 +26,7 @@ LINES = {
 }
 
 
-def scalability(domains: Sequence[Domain], make: Make) -> str:
+def scalability(domains: Sequence[Domain], make: MeshDomain) -> str:
     """The table: each domain beside the paper's one of the same place."""
     paper = published("scalability")
     header, columns = ["scalability"], []
@@ -43,7 +43,7 @@ def scalability(domains: Sequence[Domain], make: Make) -> str:
     return f"{markdown(header, lines)}\n\nPaper: {paper['source']}; elements/s is its elements over its time.\n"
 
 
-def measured(domain: Domain, make: Make) -> dict[str, float]:
+def measured(domain: Domain, make: MeshDomain) -> dict[str, float]:
     """The quantities of a domain and its mesh as cut; those of the mesh are missing when there is none."""
     ends = domain.points[domain.segments]
     perimeter = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())

@@ -16,7 +16,7 @@ from envs.polygons.domain import domains_of
 from envs.polygons.rings import as_ring
 from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError
-from freemesh_ray.mesher import MeshingError, make
+from freemesh_ray.mesher import MeshingError, mesh_domain
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES, encoded
 from freemesh_ray.serving.limits import Limits
@@ -85,7 +85,7 @@ def answer(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits)
     wanted = request.parameters
     try:
         domain = domain_of(request, limits)
-        made = make(
+        made = mesh_domain(
             policies[wanted.density], domain, seed=wanted.seed, best_of=wanted.best_of, smooth=wanted.smooth,
             clean=wanted.clean,
         )  # fmt: skip

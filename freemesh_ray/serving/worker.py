@@ -14,7 +14,7 @@ from http import HTTPStatus
 from multiprocessing.connection import Connection
 
 from envs.domains.load import load
-from freemesh_ray.mesher import make
+from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, answer, refusal
 from freemesh_ray.serving.limits import Limits
@@ -30,7 +30,7 @@ def serve(connection: Connection) -> None:
     """Receive the policies and the limits, then answer requests until the other end is closed."""
     policies, limits = connection.recv()
     for policy in policies.values():
-        make(policy, load(WARM_UP), best_of=2)
+        mesh_domain(policy, load(WARM_UP), best_of=2)
     connection.send(READY)
     while True:
         request = connection.recv()

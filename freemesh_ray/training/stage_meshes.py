@@ -11,7 +11,7 @@ from envs.domains.load import source
 from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray import export, plots
-from freemesh_ray.mesher import MeshingError, make
+from freemesh_ray.mesher import MeshingError, mesh_domain
 from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.policies.policy import Policy
 
@@ -57,7 +57,7 @@ def mesh_stage(policy: Policy, stage: str, folder: Path) -> StageMeshes:
     supply = source(stage)
     domain = supply if isinstance(supply, Domain) else supply.held_out(1)[0]
     try:
-        made = make(policy, domain)
+        made = mesh_domain(policy, domain)
     except MeshingError as error:
         return StageMeshes(domain.name, reason=str(error))
     if made.filled:

@@ -24,7 +24,7 @@ from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 from freemesh_ray.compare.pooled import pooled
 from freemesh_ray.compare.row import Row, figures
 from freemesh_ray.formatting.table import markdown
-from freemesh_ray.mesher import Made
+from freemesh_ray.mesher import MeshResult
 from freemesh_ray.meshes.metrics import by_element
 from freemesh_ray.policies.policy import Policy
 
@@ -114,10 +114,10 @@ def test_two_domains_of_one_name_are_refused() -> None:
 def test_our_mesher_gives_raw_and_finished() -> None:
     domain = square()
     raw, finished = squares(domain, 1.3), squares(domain)
-    both = ours(lambda d: Made(raw, finished, 0.5, 0.75)).run(domain)
+    both = ours(lambda d: MeshResult(raw, finished, 0.5, 0.75)).run(domain)
     assert [(mesh.mesher, mesh.seconds) for mesh in both] == [(RAW, 0.5), (OURS, 0.75)]
     assert figures(both[0])["eta"] < figures(both[1])["eta"] == pytest.approx(1.0)
-    (only,) = ours(lambda d: Made(raw, raw, 0.5, 0.5)).run(domain)
+    (only,) = ours(lambda d: MeshResult(raw, raw, 0.5, 0.5)).run(domain)
     assert only.mesher == OURS
 
 

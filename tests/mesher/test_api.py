@@ -60,7 +60,7 @@ def test_a_file_is_a_polygon_too() -> None:
 
 def test_a_mesh_is_shown_in_one_line(mesh: freemesh_ray.Mesh) -> None:
     assert repr(mesh) == f"<Mesh polygon: {len(mesh.quads)} quads, {len(mesh.vertices)} vertices>"
-    assert "\n" not in repr(mesh.made.raw)
+    assert "\n" not in repr(mesh.result.raw)
 
 
 def test_holes_are_kept() -> None:
@@ -73,7 +73,7 @@ def test_holes_are_kept() -> None:
 def test_the_finished_mesh_is_no_poorer_than_the_raw(mesh: freemesh_ray.Mesh) -> None:
     raw = freemesh_ray.mesh(OUTLINE, edge_length=0.25, smooth=False, clean=False)
     assert mesh.quality()["eta"] >= raw.quality()["eta"]
-    np.testing.assert_array_equal(raw.vertices, mesh.made.raw.vertices)
+    np.testing.assert_array_equal(raw.vertices, mesh.result.raw.vertices)
 
 
 def test_figures_and_files(mesh: freemesh_ray.Mesh, tmp_path: Path) -> None:

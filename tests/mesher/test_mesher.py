@@ -20,14 +20,14 @@ from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
 from envs.mdp.transition import numbers
 from envs.quality import element_quality
 from envs.types import Domain, MeshingParameters
-from freemesh_ray.mesher import MeshingError, make, meshing
+from freemesh_ray.mesher import MeshingError, mesh_domain, meshing
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.ideal_elements import SHAPES, shape
 from freemesh_ray.mesher.lookahead import DEPTH, fill, tree
 from freemesh_ray.mesher.meshing import ATTEMPTS, mean_quality
-from freemesh_ray.mesher.undo_log import SOURCES, element, trail
+from freemesh_ray.mesher.undo_log import SOURCES, element, undo_log
 from freemesh_ray.policies.policy import Policy
 
 
@@ -96,7 +96,7 @@ def test_the_same_arguments_give_the_same_mesh(exploration: float) -> None:
     first, second = (grow(BISECTOR, load("T2"), (3, 1), exploration=exploration) for _ in range(2))
     assert first.mesh.vertices.tobytes() == second.mesh.vertices.tobytes()
     assert first.mesh.quads.tobytes() == second.mesh.quads.tobytes()
-    assert (first.sources, first.detours, first.taken_back) == (second.sources, second.detours, second.taken_back)
+    assert (first.sources, first.backtracks, first.taken_back) == (second.sources, second.backtracks, second.taken_back)
 
 
 def test_other_seeds_explore_other_ways() -> None:
@@ -132,7 +132,7 @@ def test_figures_name_where_elements_come_from() -> None:
 
 def test_patience_bounds_the_detours() -> None:
     domain = load("T3")
-    assert grow(STUCK, domain, 0, patience=0).detours == 0
+    assert grow(STUCK, domain, 0, patience=0).backtracks == 0
     assert_valid(grow(STUCK, domain, 0, patience=0), domain)
 
 
@@ -140,7 +140,7 @@ def test_what_the_policy_leaves_is_filled() -> None:
     capped = constant((0.0, 0.0, 0.0), 0.0, max_elements=20)
     for name in ("T1", "T3", "D9"):
         domain = load(name)
-        made = make(capped, domain)
+        made = mesh_domain(capped, domain)
         assert made.filled > 0
         assert made.attempts == ATTEMPTS
         assert sum(made.sources.values()) == len(made.raw.quads)
@@ -155,23 +155,23 @@ def test_a_ring_without_room_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(meshing, "fill", refuse)
     capped = constant((0.0, 0.0, 0.0), 0.0, max_elements=20)
     with pytest.raises(MeshingError, match="T1: too thin"):
-        make(capped, load("T1"))
+        mesh_domain(capped, load("T1"))
 
 
 def test_a_four_ring_is_its_own_mesh_or_filled() -> None:
-    assert len(make(STUCK, from_rings([(0, 0), (2, 0), (2, 1), (0, 1)])).raw.quads) == 1
+    assert len(mesh_domain(STUCK, from_rings([(0, 0), (2, 0), (2, 1), (0, 1)])).raw.quads) == 1
     dart = from_rings([(0, 0), (2, 0), (0.2, 0.2), (0, 2)])
-    assert make(STUCK, dart).finished.defects(area=dart.area) == []
+    assert mesh_domain(STUCK, dart).finished.defects(area=dart.area) == []
 
 
 def test_the_best_of_several_is_no_poorer() -> None:
     domain = load("T1")
-    one, best = (make(BISECTOR, domain, best_of=k) for k in (1, 4))
+    one, best = (mesh_domain(BISECTOR, domain, best_of=k) for k in (1, 4))
     assert mean_quality(best.finished) >= mean_quality(one.finished)
 
 
 def test_finishing_can_be_left_out() -> None:
-    made = make(BISECTOR, load("T1"), smooth=False, clean=False)
+    made = mesh_domain(BISECTOR, load("T1"), smooth=False, clean=False)
     assert made.finished is made.raw
     assert made.sequences == 0
 
@@ -211,7 +211,7 @@ def test_lookahead_fills_small_rings_and_changes_nothing_where_it_cannot(seed: i
     random = np.random.default_rng(seed)
     ring = circle(n) * random.uniform(0.4, 1.0, (n, 1))
     domain, mdp = from_rings(ring), numbers(MeshingParameters())
-    front, log = begun(domain, BISECTOR), trail(32)
+    front, log = begun(domain, BISECTOR), undo_log(32)
     before = Front(*(array.copy() for array in front))
     if fill(tree(), front, log, agent(BISECTOR), False, mdp):
         assert front.counts[RING] == 4
@@ -228,7 +228,7 @@ def test_lookahead_finds_the_squares() -> None:
         ([(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)], 4),
         ([(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (4, 1), (3, 1), (2, 1), (1, 1), (0, 1)], 4),
     ):
-        made = make(STUCK, from_rings(outline)).raw
+        made = mesh_domain(STUCK, from_rings(outline)).raw
         assert len(made.quads) == elements
         np.testing.assert_allclose(element_quality(made.vertices, made.quads), 1.0, atol=1e-9)
 

@@ -18,7 +18,7 @@ from freemesh_ray.cli.paper import TABLES
 from freemesh_ray.compare.comparison import compare
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import assembled
-from freemesh_ray.mesher import Made, MeshingError
+from freemesh_ray.mesher import MeshingError, MeshResult
 from freemesh_ray.meshes.metrics import by_element
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.paper_tables.generalisation import action_types, generalisation
@@ -44,11 +44,11 @@ def squares(domain: Domain) -> Mesh:
     return Mesh(domain.name, np.vstack([domain.points, [1.0, 1.0]]), QUADS, domain.segments, True)
 
 
-def make(domain: Domain) -> Made:
+def make(domain: Domain) -> MeshResult:
     if domain.name == "hard":
         raise MeshingError("hard: no")
     mesh = squares(domain)
-    return Made(mesh, mesh, 0.5, 0.5)
+    return MeshResult(mesh, mesh, 0.5, 0.5)
 
 
 def uniform(parameters: MeshingParameters | None = None) -> Policy:

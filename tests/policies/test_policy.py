@@ -92,7 +92,7 @@ def test_critics_that_do_not_fit_are_refused() -> None:
 def test_loading_and_meshing_need_neither_ray_nor_torch_nor_mlflow(tmp_path: Path) -> None:
     policy().save(tmp_path / "policy.npz")
     code = (
-        "import sys; from freemesh_ray.policies.policy import Policy; from freemesh_ray.mesher import make;"
+        "import sys; from freemesh_ray.policies.policy import Policy; from freemesh_ray.mesher import mesh_domain;"
         f"Policy.load({str(tmp_path / 'policy.npz')!r});"
         "heavy = {'ray', 'torch', 'mlflow'} & set(sys.modules); assert not heavy, heavy"
     )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from envs.domains.load import load
-from freemesh_ray.mesher import Made, make
+from freemesh_ray.mesher import MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.policies.policy import SHIPPED, Policy
 
@@ -26,9 +26,9 @@ CUT_BY_POLICY = {"sparse": 0.95, "medium": 0.94, "dense": 0.95}
 
 
 @cache
-def meshes(name: str) -> list[Made]:
+def meshes(name: str) -> list[MeshResult]:
     policy = Policy.load(SHIPPED[name])
-    return [make(policy, load(domain)) for domain in DOMAINS]
+    return [mesh_domain(policy, load(domain)) for domain in DOMAINS]
 
 
 def figures(found: list) -> tuple[float, float, float, float]:

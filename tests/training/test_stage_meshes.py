@@ -9,7 +9,7 @@ import meshio
 import pytest
 
 from envs.domains.load import load
-from freemesh_ray.mesher import make
+from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import SHIPPED, Policy
 from freemesh_ray.training import stage_meshes
 from freemesh_ray.training.stage_meshes import FORMATS, mesh_stage
@@ -41,7 +41,7 @@ def test_both_meshes_fill_the_stage_and_are_written(stage: str, name: str, shipp
 def test_a_mesh_that_had_to_be_filled_is_none_of_the_policy_s(
     shipped: Policy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = make(shipped, load("T1"))
+    made = mesh_domain(shipped, load("T1"))
     assert made.filled == 0
     monkeypatch.setattr(stage_meshes, "make", lambda *_: replace(made, sources={**made.sources, "filled": 12}))
     result = mesh_stage(shipped, "T1", tmp_path)

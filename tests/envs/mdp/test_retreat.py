@@ -12,18 +12,18 @@ from envs.mdp.action import ACCEPTED, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
 from envs.mdp.transition import Numbers, numbers
 from envs.types import MeshingParameters
-from freemesh_ray.mesher.undo_log import WIDE, Trail, cut_action, element, take_back, trail
+from freemesh_ray.mesher.undo_log import WIDE, UndoLog, cut_action, element, take_back, undo_log
 
 #: random:3 has a seam; random:20 is small, so that its games reach short rings.
 DOMAINS = ("T1", "random:3", "random:20", "random:11")
 ROOM = 200
 
 
-def begun(name: str, n_rv: int) -> tuple[Front, Trail, Numbers]:
+def begun(name: str, n_rv: int) -> tuple[Front, UndoLog, Numbers]:
     """A fresh front with room for elements of all types."""
     parameters, domain = MeshingParameters(n_rv=n_rv, type2=True), load(name)
     start = fr.template(domain, parameters, fr.capacity(len(domain.ring), parameters))
-    return fr.with_room(start, 2 * ROOM, ROOM), trail(ROOM), numbers(parameters)
+    return fr.with_room(start, 2 * ROOM, ROOM), undo_log(ROOM), numbers(parameters)
 
 
 def copy(front: Front) -> Front:
@@ -36,7 +36,7 @@ def assert_same(front: Front, other: Front) -> None:
         assert one.tobytes() == two.tobytes(), name
 
 
-def play(front: Front, log: Trail, mdp: Numbers, seed: int, steps: int) -> list[Front]:
+def play(front: Front, log: UndoLog, mdp: Numbers, seed: int, steps: int) -> list[Front]:
     """Cut elements asked for by random actions; the fronts before each."""
     random, before = np.random.default_rng(seed), []
     for _ in range(steps):
