@@ -134,7 +134,7 @@ def test_a_mesh_that_cannot_be_is_no_bad_input(
     def refuse(*args: object, **options: object) -> None:
         raise MeshingError("T3: too thin")
 
-    monkeypatch.setattr(api, "make", refuse)
+    monkeypatch.setattr(api, "mesh_domain", refuse)
     assert cli.main(["mesh", "T3", "-o", "o.vtu", "--policy", policy]) == 1
     assert capsys.readouterr().err == "freemesh: T3: too thin\n"
     assert not Path("o.vtu").exists()
