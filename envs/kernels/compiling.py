@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dis
 import fcntl
 import gc
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from types import ModuleType
 
 from numba.core.event import Event, Listener, install_listener
@@ -36,12 +38,13 @@ def needed(entries: Iterable[Kernel]) -> set[Kernel]:
 
 def called(kernel: Kernel) -> Iterator[Kernel]:
     """The kernels that a kernel's code names, on their own or as a module's attribute."""
-    names, scope = kernel.py_func.__code__.co_names, kernel.py_func.__globals__
-    for value in (scope.get(name) for name in names):
-        if isinstance(value, Kernel):
-            yield value
-        elif isinstance(value, ModuleType):
-            yield from (one for name in names if isinstance(one := getattr(value, name, None), Kernel))
+    for load, then in pairwise(dis.get_instructions(kernel.py_func)):
+        if load.opname == "LOAD_GLOBAL":
+            value = kernel.py_func.__globals__.get(load.argval)
+            if isinstance(value, ModuleType):
+                value = getattr(value, str(then.argval), None)
+            if isinstance(value, Kernel):
+                yield value
 
 
 class Count(Listener):

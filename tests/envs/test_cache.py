@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,13 @@ import pytest
 
 import envs
 import freemesh_ray
-from envs.mdp.front import restart
+from envs.mdp.front import _index
 from freemesh_ray.mesher.engine import run
 
 PACKAGE = Path(envs.__file__).parent
 PLATFORM = Path(freemesh_ray.__file__).parent
+
+DECORATORS = ("@compiled", "@compiled_fused", "@inner", "@inner_fused", "@inlined")
 
 
 def kernels(package: Path) -> list[str]:
@@ -26,7 +29,7 @@ def kernels(package: Path) -> list[str]:
     return sorted(
         str(path.relative_to(package))
         for path in package.rglob("*.py")
-        if any(line in ("@compiled", "@inlined", "@fused") for line in path.read_text(encoding="utf-8").splitlines())
+        if any(line in DECORATORS for line in path.read_text(encoding="utf-8").splitlines())
     )
 
 
@@ -101,7 +104,7 @@ def test_a_change_elsewhere_on_the_platform_keeps_its_folder(copy: Path, platfor
 
 
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_CACHE_DIR")), reason="the cache is elsewhere by choice")
-@pytest.mark.parametrize(("kernel", "package"), [(restart, PACKAGE), (run, PLATFORM)])
+@pytest.mark.parametrize(("kernel", "package"), [(_index, PACKAGE), (run, PLATFORM)])
 def test_machine_code_lies_with_its_package(kernel: Any, package: Path) -> None:
     assert Path(kernel.stats.cache_path).is_relative_to(folder_of(PACKAGE, package))
 
@@ -131,7 +134,11 @@ def test_a_new_kernel_file_is_a_new_folder(copy: Path) -> None:
 
 def test_a_copy_elsewhere_finds_the_machine_code(copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Compiled from one place, the kernel is loaded, not compiled, from another."""
-    script = "from envs.kernels.geometry import angle; angle(1.0, 0.0, 0.0, 1.0); print(len(angle.stats.cache_hits))"
+    script = """
+from envs.quality import _element_quality, element_quality
+element_quality([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
+print(len(_element_quality.stats.cache_hits))
+"""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     hits = []
     for parent in (copy.parent, PACKAGE.parent):
@@ -142,3 +149,12 @@ def test_a_copy_elsewhere_finds_the_machine_code(copy: Path, monkeypatch: pytest
 
 def test_the_same_code_elsewhere_has_the_same_name(copy: Path) -> None:
     assert folder_of(copy).name == folder_of(PACKAGE).name
+
+
+def test_a_place_that_cannot_be_written_to_is_left_alone(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    assert folder_of(copy).is_relative_to(tmp_path / "temporary")

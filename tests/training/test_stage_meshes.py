@@ -43,7 +43,7 @@ def test_a_mesh_that_had_to_be_filled_is_none_of_the_policy_s(
 ) -> None:
     made = mesh_domain(shipped, load("T1"))
     assert made.filled == 0
-    monkeypatch.setattr(stage_meshes, "make", lambda *_: replace(made, sources={**made.sources, "filled": 12}))
+    monkeypatch.setattr(stage_meshes, "mesh_domain", lambda *_: replace(made, sources={**made.sources, "filled": 12}))
     result = mesh_stage(shipped, "T1", tmp_path)
     assert result.reason == "the policy left a part that takes 12 elements to fill"
     assert (result.meshes, result.figures, result.files) == ({}, {}, ())
