@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from checkout import ROOT
 from numba.core.caching import FunctionCache
 
 from envs.domains.load import load
@@ -26,8 +27,6 @@ from envs.mdp.front import _index
 from freemesh_ray.cli.progress_line import CompilingLine
 from freemesh_ray.mesher import mesh_domain, meshing, warm_up
 from freemesh_ray.policies.policy import DEFAULT, Policy
-
-ROOT = Path(__file__).resolve().parent.parent
 
 #: ``freemesh mesh``, and then what was compiled: kernels by name with their signatures, and those a mesh may need.
 FIRST = """
