@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import torch
@@ -23,7 +24,8 @@ class ConfiguredLearner(TorchLearner):
         super().set_state({**state, WEIGHTS_SEQ_NO: number})
 
     def _set_optimizer_state(self, state: Any) -> None:
-        # An optimizer's state holds its learning rate: a resumed training would not learn at the rate it is given.
-        super()._set_optimizer_state(state)
+        # An optimizer works in the arrays that it is given; those of a message lie in memory that all learners share.
+        super()._set_optimizer_state(copy.deepcopy(state))
+        # The state holds the learning rate, too: a resumed training would not learn at the rate it is given.
         for optimizer, schedule in self._optimizer_lr_schedules.items():
             self._set_optimizer_lr(optimizer, schedule.get_current_value())

@@ -13,6 +13,7 @@ import torch
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
+from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.replay_buffer import Transitions, concatenate
 
 
@@ -223,4 +224,4 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
     def _policy_actions(self, obs: np.ndarray, env: Any) -> np.ndarray:
         noise = self._random.standard_normal((len(obs), *env.single_action_space.shape), dtype=np.float32)
         with torch.no_grad():
-            return self.module.explore(torch.from_numpy(obs), torch.from_numpy(noise)).numpy()
+            return self.module.explore(aligned(torch.from_numpy(obs)), torch.from_numpy(noise)).numpy()

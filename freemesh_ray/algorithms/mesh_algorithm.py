@@ -62,6 +62,9 @@ class MeshConfig(AlgorithmConfig):
         self.restart_failed_env_runners = True
         self.delay_between_env_runner_restarts_s = 1.0
         self.env_runner_health_probe_timeout_s = 1.0
+        # RLlib leaves new weights out while a runner has not answered its last message: a restored training then
+        # began with other networks than its own, wherever a runner was slow. They arrive in the order they were sent.
+        self.max_requests_in_flight_per_env_runner = 1_000
         self.torch_skip_nan_gradients = False
 
     def configure(self, config: Mapping[str, Any]) -> Self:

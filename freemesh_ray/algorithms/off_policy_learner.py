@@ -18,6 +18,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.core.columns import Columns
 
 from freemesh_ray.algorithms.adam import LeanAdam
+from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 
@@ -143,7 +144,7 @@ class OffPolicyLearner(ConfiguredLearner):
             config = self.config.get_config_for_module(module_id)
             size = config.train_batch_size_per_learner
             columns = [
-                rows[key].split(size)
+                aligned(rows[key]).split(size)
                 for key in (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS, Columns.TERMINATEDS)
             ]
             columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,17 +17,25 @@ from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
 OBS, ACT, BATCH = 7, 3, 32
 
 
-def learner(config: OffPolicyConfig, seed: int = 0, *, noise: int | None = None, index: int = 0) -> OffPolicyLearner:
-    """The configuration's learner with networks of 16 x 16 and minibatches of BATCH.
+def learner(
+    config: OffPolicyConfig,
+    seed: int = 0,
+    *,
+    noise: int | None = None,
+    index: int = 0,
+    hidden: Sequence[int] = (16, 16),
+) -> OffPolicyLearner:
+    """The configuration's learner with minibatches of BATCH.
 
     Args:
         config: what to build.
         seed: of the weights, and of the noise unless ``noise`` is another.
         noise: see above.
         index: which of several learners it is, each with its share of the minibatches.
+        hidden: units of its networks' hidden layers.
     """
     torch.manual_seed(seed)
-    config.training(train_batch_size_per_learner=BATCH // max(1, config.num_learners), hidden=[16, 16])
+    config.training(train_batch_size_per_learner=BATCH // max(1, config.num_learners), hidden=list(hidden))
     config.debugging(seed=seed if noise is None else noise)
     spec = config.get_default_rl_module_spec()
     spec.observation_space, spec.action_space = spaces.Box(-1, 1, (OBS,)), spaces.Box(-1, 1, (ACT,))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 
+import numpy as np
 import pytest
 import torch
 from learners import BATCH, batch, learner, module, update
@@ -26,6 +27,19 @@ def test_a_restored_learner_goes_on_as_the_original(config: type[OffPolicyConfig
         update(one, batch(3, seed=2))
     for ours, theirs in zip(module(built).parameters(), module(again).parameters(), strict=True):
         assert torch.equal(ours, theirs)
+
+
+def test_a_restored_learner_leaves_the_state_that_it_was_given_alone(config: type[OffPolicyConfig]) -> None:
+    """Several learners on one machine are given the same memory."""
+    built, again = learner(config()), learner(config(), seed=9)
+    update(built, batch(3))
+    given = copy.deepcopy(built.get_state())
+    before = copy.deepcopy(given)
+    again.set_state(given)
+    update(again, batch(3, seed=2))
+    for part in ("optimizer", "rl_module"):
+        assert given[part]
+        np.testing.assert_equal(given[part], before[part])
 
 
 def test_a_restored_learner_learns_as_it_is_configured(config: type[OffPolicyConfig]) -> None:

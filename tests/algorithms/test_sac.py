@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -174,6 +175,23 @@ def test_runners_get_the_learner_s_weights() -> None:
     for name, value in acting.items():
         np.testing.assert_array_equal(value, learnt[name], err_msg=name)
     algorithm.stop()
+
+
+def test_a_slow_runner_goes_on_with_the_restored_networks() -> None:
+    """RLlib leaves new networks out while a runner has not answered an earlier message."""
+    original = make()
+    rounds(original, 20)
+    restored = make(runners=1, seed=99)
+    restored.env_runner_group.foreach_env_runner_async(lambda runner: time.sleep(1))
+    restored.set_state(original.get_state())
+    (acting,) = restored.env_runner_group.foreach_env_runner(
+        lambda runner: runner.module.get_state(), local_env_runner=False
+    )
+    assert acting
+    for name, value in acting.items():
+        np.testing.assert_array_equal(value, weights(original)[name], err_msg=name)
+    for algorithm in (original, restored):
+        algorithm.stop()
 
 
 def test_a_runner_that_dies_is_replaced_with_its_task() -> None:

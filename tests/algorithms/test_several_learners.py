@@ -13,7 +13,7 @@ from learners import batch, learner, module, update
 from ray import cloudpickle
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
-from freemesh_ray import config
+from freemesh_ray import checkpoint, config
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
@@ -126,6 +126,19 @@ def test_learners_stay_in_step_and_a_checkpoint_goes_on_with_any_number_of_them(
     alone.stop()
 
 
+def test_restored_learners_go_on_as_the_original(joined: MeshAlgorithm, tmp_path: Path) -> None:
+    """Bit for bit, and in step."""
+    trained(joined, 20)
+    checkpoint.write(joined, {}, tmp_path / "checkpoint")
+    restored = make("sac", LEARNERS, seed=9)
+    checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
+    theirs, ours = (trained(algorithm, 20).learner_group.get_state() for algorithm in (joined, restored))
+    assert in_step(restored)
+    for name, values in theirs["learner"]["rl_module"][DEFAULT_POLICY_ID].items():
+        np.testing.assert_array_equal(ours["learner"]["rl_module"][DEFAULT_POLICY_ID][name], values, err_msg=name)
+    restored.stop()
+
+
 def test_the_runners_act_with_what_the_learners_have_learnt(joined: MeshAlgorithm) -> None:
     trained(joined, 1)
     learnt = joined.learner_group.get_state()["learner"]["rl_module"][DEFAULT_POLICY_ID]
@@ -133,11 +146,18 @@ def test_the_runners_act_with_what_the_learners_have_learnt(joined: MeshAlgorith
         np.testing.assert_array_equal(value, learnt[key], err_msg=key)
 
 
-def test_ppo_s_learners_stay_in_step() -> None:
+def test_ppo_s_learners_stay_in_step(tmp_path: Path) -> None:
+    """Restored ones, too."""
     algorithm = make("ppo", LEARNERS)
     before = algorithm.actor_weights()
     trained(algorithm, 1)
     assert algorithm.updates == 2 * (algorithm.env_steps // 64)
     assert in_step(algorithm)
     assert not np.array_equal(algorithm.actor_weights()[0][0], before[0][0])
+    checkpoint.write(algorithm, {}, tmp_path / "checkpoint")
     algorithm.stop()
+    restored = make("ppo", LEARNERS, seed=9)
+    checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
+    trained(restored, 1)
+    assert in_step(restored)
+    restored.stop()
