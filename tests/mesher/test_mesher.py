@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,7 @@ from envs.types import Domain, MeshingParameters
 from freemesh_ray.mesher import MeshingError, mesh_domain, meshing
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark
+from freemesh_ray.mesher.candidates import choice, consider
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.ideal_elements import SHAPES, shape
 from freemesh_ray.mesher.lookahead import DEPTH, fill, tree
@@ -176,6 +179,57 @@ def test_finishing_can_be_left_out() -> None:
     assert made.sequences == 0
 
 
+# The attempts
+
+DISC = from_rings(circle(24), name="disc")
+
+
+def attempts_of(found: Sequence[Grown], asked: list[float]) -> Callable[..., Grown]:
+    """An engine whose attempts come out as they are given; it notes how much each was asked to explore."""
+
+    def grow(policy: Policy, domain: Domain, seed: tuple[int, ...], *, exploration: float) -> Grown:
+        asked.append(exploration)
+        return found[len(asked) - 1]
+
+    return grow
+
+
+@pytest.fixture(scope="module")
+def stopped() -> list[Grown]:
+    """A disc begun as often as it is begun at most, and stopped after more and more elements."""
+    policies = [constant((0.0, 0.0, 0.0), 0.0, max_elements=2 * (k + 1)) for k in range(ATTEMPTS)]
+    return [grow(policy, DISC, 0) for policy in policies]
+
+
+def test_a_domain_that_got_stuck_is_begun_again(monkeypatch: pytest.MonkeyPatch, stopped: list[Grown]) -> None:
+    whole = replace(stopped[0], mesh=make(BISECTOR, DISC).raw, ring=np.empty(0, dtype=np.int64))
+    asked: list[float] = []
+    monkeypatch.setattr(meshing, "grow", attempts_of([stopped[0], whole], asked))
+    made = make(BISECTOR, DISC, smooth=False, clean=False)
+    assert made.attempts == len(asked) == 2
+    assert made.filled == 0
+    assert made.raw.quads.tobytes() == whole.mesh.quads.tobytes()
+
+
+def test_further_attempts_explore(monkeypatch: pytest.MonkeyPatch, stopped: list[Grown]) -> None:
+    asked: list[float] = []
+    monkeypatch.setattr(meshing, "grow", attempts_of(stopped, asked))
+    make(BISECTOR, DISC, smooth=False, clean=False)
+    first, *others = asked
+    assert first == 0.0
+    assert all(0.0 < share < 1.0 for share in others)
+
+
+def test_the_attempt_that_covers_most_is_handed_out(monkeypatch: pytest.MonkeyPatch, stopped: list[Grown]) -> None:
+    areas = [grown.mesh.areas.sum() for grown in stopped]
+    assert len(set(areas)) == ATTEMPTS > 1
+    best = stopped[int(np.argmax(areas))]
+    for order in permutations(stopped):
+        monkeypatch.setattr(meshing, "grow", attempts_of(order, []))
+        made = make(BISECTOR, DISC, smooth=False, clean=False)
+        assert made.raw.quads[: -made.filled].tobytes() == best.mesh.quads.tobytes()
+
+
 # The remedies
 
 
@@ -203,6 +257,30 @@ def test_shapes_are_square_where_the_front_is() -> None:
                 best[kind] = max(best[kind], element_quality(corners, np.arange(4)[None])[0])
     assert best[TYPE_1] == pytest.approx(1.0)
     assert best[TYPE_2] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_where_there_are_critics_they_choose(sign: float) -> None:
+    """Critics that like new vertices far out, or near: of several draws that are valid the one they like is kept."""
+    weights = np.zeros((2, 18, 1), dtype=np.float32)
+    weights[:, 16] = sign
+    policy = replace(BISECTOR, critic=[(weights, np.zeros((2, 1), dtype=np.float32))])
+    front, mdp, judge, best = begun(load("T1"), policy), numbers(MeshingParameters()), agent(policy), choice()
+    slot = int(reference_slot(front))
+    random, valid = np.random.default_rng(0), []
+    for _ in range(50):
+        best.draft[:3] = random.uniform(-1.0, 1.0, 3)
+        if element(front, slot, best.draft, False, mdp).rejection == ACCEPTED:
+            valid.append(sign * float(best.draft[1]))
+        consider(best, front, slot, judge, True, False, mdp)
+    assert len(set(valid)) > 1
+    assert sign * best.action[1] == max(valid)
+
+
+def test_a_search_asks_the_critics() -> None:
+    domain = load("T1")
+    plain, asked = (make(policy, domain, search=True).raw for policy in (BISECTOR, judged(BISECTOR)))
+    assert plain.quads.tobytes() != asked.quads.tobytes()
 
 
 @settings(max_examples=30)
