@@ -94,6 +94,7 @@ class Clone:
                     break
             else:
                 raise AssertionError(f"`{line}` ended without {sign!r}:\n{''.join(seen)}")
+            watch.cancel()
             yield process
         finally:
             watch.cancel()

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import click_lines
 import pytest
+import recorded_study
 from clone import Clone
 from documents import Code, blocks, commands, documents, inline
 from processes import free_port
@@ -33,10 +34,9 @@ SERVED = "127.0.0.1:8000"
 #: Long commands -> a regular expression of the line that tells that they work.
 SIGNS = {
     "make train": r"^T1 +step \d",
-    ".venv/bin/freemesh study algorithms": r"^4 trials|^\d+ trials of",
-    ".venv/bin/freemesh compare D7 D8 part:3 --out comparison": r"D7",
-    ".venv/bin/freemesh paper quality": r"D7",
-    ".venv/bin/freemesh bench": r"\d",
+    ".venv/bin/freemesh study algorithms": r"^\d+ trials of",
+    ".venv/bin/freemesh compare D7 D8 part:3 --out comparison": r"^D7 ",
+    ".venv/bin/freemesh paper quality": r"^D7 ",
 }
 
 
@@ -89,10 +89,13 @@ def is_run_after_training(line: str, request: pytest.FixtureRequest) -> None:
     runs(line, request)
 
 
-def is_run_after_study(line: str, request: pytest.FixtureRequest) -> None:
-    """On what the documents' study leaves, which was interrupted at its beginning."""
-    is_interrupted(".venv/bin/freemesh study algorithms", request)
+def reports(line: str, request: pytest.FixtureRequest) -> None:
+    """On a recorded study, where the one that the documents run would leave its own."""
+    place = clone_of(request).folder / "studies" / line.split()[-1]
+    shutil.rmtree(place, ignore_errors=True)
+    recorded_study.algorithms(place, seeds=(356, 567), domains=())
     runs(line, request)
+    assert (place / "report" / "report.md").stat().st_size
 
 
 def is_run_with_policy(line: str, request: pytest.FixtureRequest) -> None:
@@ -171,12 +174,12 @@ CHECKS: list[tuple[str, Check]] = [
     (r"\.venv/bin/freemesh mesh .* --policy runs/\w+/policy\.npz", is_run_with_policy),
     (r"\.venv/bin/freemesh (mesh .*|domains|study|study \w+ --dry-run|--version)", runs),
     (r"\.venv/bin/freemesh study \w+ --smoke", is_dry),
-    (r"\.venv/bin/freemesh (study algorithms|compare .*|paper quality|bench)", is_interrupted),
-    (r"\.venv/bin/freemesh report algorithms", is_run_after_study),
+    (r"\.venv/bin/freemesh (study algorithms|compare .*|paper quality)", is_interrupted),
+    (r"\.venv/bin/freemesh report \w+", reports),
     (r"\.venv/bin/freemesh sync runs/default", is_run_after_training),
     (r"\.venv/bin/freemesh serve", is_served),
     (r"\.venv/bin/freemesh submit .*", is_dry),
-    (r"\.venv/bin/freemesh train .*", is_understood),
+    (r"\.venv/bin/freemesh (train .*|bench)", is_understood),
     (r"curl .*", is_answered),
     (r"([A-Z_]+=\S+ )?\.venv/bin/(mlflow|ray) .*|ray .*", is_understood),
     (r"\(umask .*|set -a; .*", runs),
@@ -198,6 +201,15 @@ def test_a_command_works(command: Code, request: pytest.FixtureRequest) -> None:
 def test_an_unknown_command_is_noticed() -> None:
     assert check_of(".venv/bin/freemesh dance") is None
     assert len(COMMANDS) > 40
+
+
+def test_what_the_first_command_prints_is_in_the_readme(clone: Clone) -> None:
+    """But for its milliseconds."""
+    first, printed = [block for block in blocks("README.md") if "quads in" in block.text or "part.png" in block.text][
+        :2
+    ]
+    timeless = [re.sub(r"\d+ ms", "ms", text) for text in (clone.run(first.text).output.strip(), printed.text)]
+    assert timeless[0] == timeless[1]
 
 
 @pytest.mark.parametrize(
