@@ -16,6 +16,7 @@ import pytest
 from checkout import ROOT, files
 from processes import outside
 
+pytestmark = pytest.mark.slow
 #: What of the checkout is installed; of `freemesh_ray` and the others everything that is no Python file, too.
 PACKAGES = ("envs", "freemesh_ray", "tune_configs")
 DEADLINE = 600
@@ -103,7 +104,6 @@ def test_commands_that_read_data_work(installed: Installed) -> None:
     assert os.access(installed.python.with_name("freemesh"), os.X_OK)
 
 
-@pytest.mark.slow
 def test_it_meshes(installed: Installed) -> None:
     """With kernels of its own, which are compiled."""
     written = [installed.folder / f"part.{ending}" for ending in ("inp", "html", "png")]
