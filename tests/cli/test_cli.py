@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,25 @@ def test_a_mesh_that_cannot_be_is_no_bad_input(
     assert cli.main(["mesh", "T3", "-o", "o.vtu", "--policy", policy]) == 1
     assert capsys.readouterr().err == "freemesh: T3: too thin\n"
     assert not Path("o.vtu").exists()
+
+
+@pytest.mark.parametrize(("sources", "detours", "told"), [
+    ({"policy": 5, "look-ahead": 2, "last": 1}, 0, []),
+    ({"policy": 5, "next vertex": 0, "wide": 2, "filled": 1}, 0, ["recovery: 2 wide, 1 filled"]),
+    ({"policy": 5, "next vertex": 4}, 3, ["recovery: 4 next vertex, 3 detours"]),
+])  # fmt: skip
+def test_what_helped_the_policy_is_told(
+    sources: dict[str, int], detours: int, told: list[str], policy: str, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    make = api.make
+    monkeypatch.setattr(api, "make", lambda *given, **wishes: replace(
+        make(*given, **wishes), sources=sources, detours=detours
+    ))  # fmt: skip
+    assert cli.main(["mesh", polygon(SQUARE), "-o", "o.vtu", "--policy", policy]) == 0
+    first, *others = capsys.readouterr().out.splitlines()
+    assert first.endswith(" -> o.vtu")
+    assert [line.strip() for line in others] == told
 
 
 def test_the_shipped_policy_meshes_a_bare_outline(capsys: pytest.CaptureFixture[str]) -> None:

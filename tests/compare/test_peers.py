@@ -13,7 +13,7 @@ from envs.domains.load import from_rings, load
 from envs.polygons.rings import loops
 from envs.types import Domain
 from freemesh_ray.cli import command
-from freemesh_ray.compare import gmsh_mesher
+from freemesh_ray.compare import gmsh_mesher, meshers
 from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
 from freemesh_ray.compare.gmsh_mesher import VARIANTS, started
 from freemesh_ray.compare.meshers import installed_peers, peer_mesh
@@ -111,6 +111,17 @@ def test_what_is_not_installed_is_left_out_with_one_line(monkeypatch: pytest.Mon
     assert len(lines) == 2
     assert "pip install gmsh" in lines[0]
     assert "pip install netgen-mesher" in lines[1]
+
+
+def test_a_peer_without_its_libraries_is_left_out_with_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise OSError("libGLU.so.1: cannot open shared object file")
+
+    monkeypatch.setattr(meshers, "import_module", missing)
+    lines: list[str] = []
+    assert installed_peers(["gmsh-default", "gmsh-8"], lines.append) == []
+    assert len(lines) == 1
+    assert "libGLU.so.1" in lines[0]
 
 
 def test_netgen_keeps_unequal_segments() -> None:

@@ -254,6 +254,19 @@ def test_meshio_finds_the_groups_of_a_gmsh_file(tmp_path: Path, version: str):
     assert "boundary" not in named or edge_set(named["boundary"]) == edge_set(mesh.segments)
 
 
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_a_boundary_line_has_the_quality_of_the_element_behind_it(tmp_path: Path, quadratic: bool):
+    mesh = holed()
+    write(mesh, tmp_path / "mesh.msh", quadratic=quadratic)
+    found = read(tmp_path / "mesh.msh")
+    eta = element_quality(mesh.vertices, mesh.quads)
+    behind = {tuple(side): eta[i] for i, of_quad in enumerate(sides(mesh.quads).tolist()) for side in of_quad}
+    lines = list(zip(found.cells[1:], found.cell_data["eta"][1:], strict=True))
+    assert sum(len(block.data) for block, _ in lines) == len(mesh.segments)
+    for block, values in lines:
+        assert values.ravel().tolist() == [behind[tuple(ends)] for ends in block.data[:, :2].tolist()]
+
+
 @pytest.mark.parametrize("version", ["4.1", "2.2"])
 def test_a_gmsh_file_without_holes_has_the_groups_domain_and_boundary(tmp_path: Path, version: str):
     write(grid(), tmp_path / "mesh.msh", version=version)

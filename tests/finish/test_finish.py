@@ -97,6 +97,17 @@ def test_the_same_mesh_twice() -> None:
     np.testing.assert_array_equal(first.mesh.quads, second.mesh.quads)
 
 
+def test_better_elements_around_more_irregular_vertices_are_no_finish() -> None:
+    regular, irregular_one = fan(4), fan(5)
+    bent = regular.vertices.copy()
+    bent[-1] = [0.4, 0.3]
+    before = replace(regular, vertices=bent)
+    assert eta(irregular_one).mean() > eta(before).mean()
+    assert eta(irregular_one).min() > eta(before).min() > 0.0
+    assert no_worse(before, regular)
+    assert not no_worse(before, irregular_one)
+
+
 def test_what_is_worse_is_seen() -> None:
     mesh = grid("square", shake=0.05)
     assert no_worse(mesh, mesh)

@@ -102,6 +102,15 @@ def test_figure_has_the_name_the_figures_and_a_colour_bar():
     assert draw_mesh(star(5), title="Other").axes[0].get_title() == "Other"
 
 
+def test_the_caption_tells_the_mean_from_the_poorest():
+    mesh = star(5)
+    moved = Mesh("moved", np.vstack([mesh.vertices[:-1], [0.3, 0.1]]), mesh.quads, mesh.segments, True)
+    eta = element_quality(moved.vertices, moved.quads)
+    mean, p5, least = (f"{value:.3f}" for value in (eta.mean(), np.percentile(eta, 5), eta.min()))
+    assert len({mean, p5, least}) == 3
+    assert caption(moved).splitlines()[1] == f"$\\eta$ mean {mean} · p5 {p5} · min {least}"
+
+
 def test_drawing_in_given_axes_leaves_the_figure_to_its_owner():
     figure = Figure()
     left, right = figure.subplots(1, 2)

@@ -8,6 +8,7 @@ import math
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from freemesh_ray.cli import command
 from freemesh_ray.config import ConfigError
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements, draw_settings
-from freemesh_ray.policies.evaluation import RETURN
+from freemesh_ray.policies.evaluation import COMPLETION, RETURN
+from freemesh_ray.report import pictures
 from freemesh_ray.report.against_paper import median_seed, paper_table
 from freemesh_ray.report.comparisons import outcomes
 from freemesh_ray.report.machine import machine, model
@@ -393,6 +395,29 @@ def test_a_key_is_read_row_by_row(tmp_path: Path):
     figure.canvas.draw()
     boxes = {text.get_text(): text.get_window_extent() for text in figure.legends[0].get_texts()}
     assert sorted(boxes, key=lambda label: (-round(boxes[label].y0), boxes[label].x0)) == labels
+
+
+@pytest.mark.parametrize(("first", "cut"), [(-1000.0, True), (0.0, False)])
+def test_early_returns_far_below_all_others_do_not_flatten_the_curves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first: float, cut: bool
+):
+    x, y = np.arange(9.0), np.array([first, 1.0, 3.0, 4.0, 5.0, 7.0, 6.0, 8.0, 9.0])
+    band = SimpleNamespace(steps=x, iqm=Interval(y, y - 1.0, y + 1.0))
+    drawn = []
+
+    def draw(*given: object):
+        drawn.append(draw_bands(*given))
+        return drawn[-1]
+
+    monkeypatch.setattr(pictures, "draw_bands", draw)
+    pictures.curves(
+        tmp_path, [SimpleNamespace(label="a", bands={RETURN: band, COMPLETION: band}, used=[0, 1])], "Title"
+    )
+    (figure,) = drawn
+    bottom = figure.axes[0].get_ylim()[0]
+    assert (bottom > first) == cut
+    assert bottom < (y - 1.0)[4:].min()
+    assert ("some early returns lie below" in figure.get_supxlabel()) == cut
 
 
 def test_improvements_are_drawn_from_the_top_down(tmp_path: Path):

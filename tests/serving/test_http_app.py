@@ -110,6 +110,15 @@ def test_the_token() -> None:
     assert ask(fine, [b""], headers=[(b"authorization", b"key")])[0] == 401
 
 
+def test_only_requests_for_a_mesh_count_as_turned_away() -> None:
+    counters = Counters()
+    for path in ("/mesh", "/health", "/metrics"):
+        counters.answered(path, 401)
+    page = counters.page()[0].decode()
+    assert 'freemesh_rejected_total{reason="token"} 1.0' in page
+    assert page.count('status="401"} 1.0') == 3
+
+
 def test_a_mistake_is_told_to_the_log_alone() -> None:
     async def mistaken(request: MeshRequest) -> Answer:
         raise ZeroDivisionError("secret")
