@@ -202,10 +202,10 @@ def stopped() -> list[Grown]:
 
 
 def test_a_domain_that_got_stuck_is_begun_again(monkeypatch: pytest.MonkeyPatch, stopped: list[Grown]) -> None:
-    whole = replace(stopped[0], mesh=make(BISECTOR, DISC).raw, ring=np.empty(0, dtype=np.int64))
+    whole = replace(stopped[0], mesh=mesh_domain(BISECTOR, DISC).raw, ring=np.empty(0, dtype=np.int64))
     asked: list[float] = []
     monkeypatch.setattr(meshing, "grow", attempts_of([stopped[0], whole], asked))
-    made = make(BISECTOR, DISC, smooth=False, clean=False)
+    made = mesh_domain(BISECTOR, DISC, smooth=False, clean=False)
     assert made.attempts == len(asked) == 2
     assert made.filled == 0
     assert made.raw.quads.tobytes() == whole.mesh.quads.tobytes()
@@ -214,7 +214,7 @@ def test_a_domain_that_got_stuck_is_begun_again(monkeypatch: pytest.MonkeyPatch,
 def test_further_attempts_explore(monkeypatch: pytest.MonkeyPatch, stopped: list[Grown]) -> None:
     asked: list[float] = []
     monkeypatch.setattr(meshing, "grow", attempts_of(stopped, asked))
-    make(BISECTOR, DISC, smooth=False, clean=False)
+    mesh_domain(BISECTOR, DISC, smooth=False, clean=False)
     first, *others = asked
     assert first == 0.0
     assert all(0.0 < share < 1.0 for share in others)
@@ -226,7 +226,7 @@ def test_the_attempt_that_covers_most_is_handed_out(monkeypatch: pytest.MonkeyPa
     best = stopped[int(np.argmax(areas))]
     for order in permutations(stopped):
         monkeypatch.setattr(meshing, "grow", attempts_of(order, []))
-        made = make(BISECTOR, DISC, smooth=False, clean=False)
+        made = mesh_domain(BISECTOR, DISC, smooth=False, clean=False)
         assert made.raw.quads[: -made.filled].tobytes() == best.mesh.quads.tobytes()
 
 
@@ -279,7 +279,7 @@ def test_where_there_are_critics_they_choose(sign: float) -> None:
 
 def test_a_search_asks_the_critics() -> None:
     domain = load("T1")
-    plain, asked = (make(policy, domain, search=True).raw for policy in (BISECTOR, judged(BISECTOR)))
+    plain, asked = (mesh_domain(policy, domain, search=True).raw for policy in (BISECTOR, judged(BISECTOR)))
     assert plain.quads.tobytes() != asked.quads.tobytes()
 
 
