@@ -141,18 +141,18 @@ def test_a_mesh_that_cannot_be_is_no_bad_input(
     assert not Path("o.vtu").exists()
 
 
-@pytest.mark.parametrize(("sources", "detours", "told"), [
+@pytest.mark.parametrize(("sources", "backtracks", "told"), [
     ({"policy": 5, "look-ahead": 2, "last": 1}, 0, []),
     ({"policy": 5, "next vertex": 0, "wide": 2, "filled": 1}, 0, ["recovery: 2 wide, 1 filled"]),
-    ({"policy": 5, "next vertex": 4}, 3, ["recovery: 4 next vertex, 3 detours"]),
+    ({"policy": 5, "next vertex": 4}, 3, ["recovery: 4 next vertex, 3 backtracks"]),
 ])  # fmt: skip
 def test_what_helped_the_policy_is_told(
-    sources: dict[str, int], detours: int, told: list[str], policy: str, capsys: pytest.CaptureFixture[str],
+    sources: dict[str, int], backtracks: int, told: list[str], policy: str, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    make = api.make
-    monkeypatch.setattr(api, "make", lambda *given, **wishes: replace(
-        make(*given, **wishes), sources=sources, detours=detours
+    mesh_domain = api.mesh_domain
+    monkeypatch.setattr(api, "mesh_domain", lambda *given, **wishes: replace(
+        mesh_domain(*given, **wishes), sources=sources, backtracks=backtracks
     ))  # fmt: skip
     assert cli.main(["mesh", polygon(SQUARE), "-o", "o.vtu", "--policy", policy]) == 0
     first, *others = capsys.readouterr().out.splitlines()

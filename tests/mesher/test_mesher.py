@@ -25,7 +25,7 @@ from envs.types import Domain, MeshingParameters
 from freemesh_ray.mesher import MeshingError, mesh_domain, meshing
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark
-from freemesh_ray.mesher.candidates import choice, consider
+from freemesh_ray.mesher.candidates import candidates, consider
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.ideal_elements import SHAPES, shape
 from freemesh_ray.mesher.lookahead import DEPTH, fill, tree
@@ -133,7 +133,7 @@ def test_figures_name_where_elements_come_from() -> None:
     assert grown.sources["wide"] > 0
 
 
-def test_patience_bounds_the_detours() -> None:
+def test_patience_bounds_the_backtracks() -> None:
     domain = load("T3")
     assert grow(STUCK, domain, 0, patience=0).backtracks == 0
     assert_valid(grow(STUCK, domain, 0, patience=0), domain)
@@ -265,7 +265,7 @@ def test_where_there_are_critics_they_choose(sign: float) -> None:
     weights = np.zeros((2, 18, 1), dtype=np.float32)
     weights[:, 16] = sign
     policy = replace(BISECTOR, critic=[(weights, np.zeros((2, 1), dtype=np.float32))])
-    front, mdp, judge, best = begun(load("T1"), policy), numbers(MeshingParameters()), agent(policy), choice()
+    front, mdp, judge, best = begun(load("T1"), policy), numbers(MeshingParameters()), agent(policy), candidates()
     slot = int(reference_slot(front))
     random, valid = np.random.default_rng(0), []
     for _ in range(50):
