@@ -23,7 +23,7 @@ from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.sac import SAC, SACConfig
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.training import checkpoint
+from freemesh_ray.training.loop import checkpoint
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -13,7 +13,7 @@ from learners import batch, learner, module, update
 from ray import cloudpickle
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 
-from freemesh_ray import checkpoint, config
+from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
@@ -22,6 +22,7 @@ from freemesh_ray.algorithms.replay_buffer import Transitions
 from freemesh_ray.algorithms.sac import SACConfig
 from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.local_ray import local_ray
+from freemesh_ray.training import checkpoint
 
 LEARNERS, MINIBATCHES = 2, 5
 SETTINGS = [
