@@ -21,6 +21,8 @@ from freemesh_ray.local_ray import local_ray
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.training import checkpoint
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = [
     "runners.count=0", "runners.envs_per_runner=4", "learner.hidden=[16, 16]", "learner.batch_size=32",
     "learner.warmup_steps=100", "learner.updates_per_step=0.1", "ppo.rollout_steps=128", "ppo.epochs=2",

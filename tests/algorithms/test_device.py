@@ -27,6 +27,8 @@ from freemesh_ray.cli import command
 from freemesh_ray.config import ConfigError
 from freemesh_ray.studies import runner
 
+pytestmark = pytest.mark.slow
+
 DEVICES = [
     "cpu",
     pytest.param("cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")),

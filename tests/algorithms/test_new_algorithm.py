@@ -23,6 +23,8 @@ from freemesh_ray.local_ray import local_ray
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.training.job import train
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def fixed() -> Iterator[None]:

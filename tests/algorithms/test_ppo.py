@@ -19,6 +19,8 @@ from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.ppo import PPO, PPOConfig
 from freemesh_ray.local_ray import local_ray
 
+pytestmark = pytest.mark.slow
+
 #: Episodes that go nowhere end soon.
 PARAMETERS = MeshingParameters(max_invalid=10)
 

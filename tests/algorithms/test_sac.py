@@ -25,6 +25,8 @@ from freemesh_ray.algorithms.sac import SAC, SACConfig
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.training.loop import checkpoint
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module", autouse=True)
 def ray() -> Iterator[None]:

@@ -24,6 +24,8 @@ from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.training import checkpoint
 
+pytestmark = pytest.mark.slow
+
 LEARNERS, MINIBATCHES = 2, 5
 SETTINGS = [
     "runners.count=0", "runners.envs_per_runner=4", "learner.hidden=[16, 16]", "learner.batch_size=32",

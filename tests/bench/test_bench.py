@@ -15,6 +15,8 @@ from freemesh_ray.bench import registry
 from freemesh_ray.bench.registry import BENCHMARKS
 from freemesh_ray.cli import command
 
+pytestmark = pytest.mark.slow
+
 POLICY: Any = object()
 
 

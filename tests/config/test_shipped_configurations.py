@@ -28,6 +28,8 @@ from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Algorithm, Status
 from freemesh_ray.training.run_folder import RunFolder
 
+pytestmark = pytest.mark.slow
+
 FILES = sorted(Path(tune_configs.__file__).parent.glob("*.yaml"))
 STUDIES = [path for path in FILES if "study" in yaml.safe_load(path.read_text())]
 TRAININGS = [path for path in FILES if path not in STUDIES]

@@ -10,6 +10,8 @@ import pytest
 
 from freemesh_ray.local_ray import local_ray
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module", autouse=True)
 def ray() -> Iterator[None]:

@@ -13,6 +13,8 @@ from play import record
 
 from envs.domains.load import load
 
+pytestmark = pytest.mark.slow
+
 TESTS = Path(__file__).parents[1]
 SCRIPT = """
 import sys, numpy

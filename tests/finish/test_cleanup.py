@@ -16,6 +16,8 @@ from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.halfedges import LOGGED, VERTICES, Halfedges, compact
 from freemesh_ray.finish.patch import ELEMENTS, copy, patch_of, size, surround
 
+pytestmark = pytest.mark.slow
+
 
 def cleaned(mesh: Mesh) -> tuple[Mesh, Halfedges, int]:
     work = halfedges(mesh)

@@ -21,6 +21,8 @@ from envs.kernels.compiled import cache_folder
 from freemesh_ray.studies.study_folder import StudyFolder
 from freemesh_ray.tracking.provenance import COMMIT
 
+pytestmark = pytest.mark.slow
+
 #: What a checkout does not have, and what no job needs.
 LEFT = shutil.ignore_patterns("__pycache__", ".venv", "runs", "studies", "mlflow.db*", ".*_cache", ".hypothesis")
 TINY = [

@@ -18,6 +18,8 @@ from processes import ROOT, outside
 from freemesh_ray.local_ray import SHORT_FOLDERS, SOCKET, SOCKET_PATH, private_folder
 from freemesh_ray.storage.atomic import OutputError
 
+pytestmark = pytest.mark.slow
+
 OWN = """
 import json, os, subprocess, sys
 from freemesh_ray.cli import command

@@ -25,6 +25,8 @@ from freemesh_ray.plots import replay
 from freemesh_ray.plots.colours import scale
 from freemesh_ray.storage.atomic import OutputError
 
+pytestmark = pytest.mark.slow
+
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 

@@ -21,6 +21,8 @@ from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray.policies.policy import Policy, PolicyError
 
+pytestmark = pytest.mark.slow
+
 #: Mutated policy files.
 FILES = 10_000
 

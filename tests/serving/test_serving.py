@@ -29,6 +29,8 @@ from freemesh_ray import export
 from freemesh_ray.serving.formats import MEDIA_TYPES
 from freemesh_ray.serving.limits import Limits
 
+pytestmark = pytest.mark.slow
+
 TOKEN = "a secret"
 BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 4.0, 2
 #: What the load asks for: some 4,000 elements, 0.1 s on a quiet core.

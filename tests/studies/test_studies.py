@@ -18,6 +18,8 @@ import yaml
 from freemesh_ray.storage.lock import holder
 from freemesh_ray.studies.study_folder import StudyFolder
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = Path(__file__).parents[1] / "fake_study.py"
 SETTINGS = {
     "curriculum.stages": ["T1"],

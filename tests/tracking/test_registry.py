@@ -17,6 +17,8 @@ from processes import QUIET, ROOT, Server, free_port, post
 from freemesh_ray.policies.policy import DEFAULT, SHIPPED, PolicyError
 from freemesh_ray.tracking import MLflowRun, TrackingError, register, store, sync
 
+pytestmark = pytest.mark.slow
+
 REFUSING = "http://127.0.0.1:9"
 #: A square of side 4 with 16 boundary vertices, as GeoJSON.
 SIDE = (

@@ -26,6 +26,8 @@ from freemesh_ray.tracking.journal import Journal
 from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.tracking.uploader import Uploader
 
+pytestmark = pytest.mark.slow
+
 REFUSING = "http://127.0.0.1:9"
 
 

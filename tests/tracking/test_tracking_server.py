@@ -15,6 +15,8 @@ from processes import ROOT, Server
 from freemesh_ray.policies.policy import DEFAULT
 from freemesh_ray.tracking import MLflowRun, store, sync
 
+pytestmark = pytest.mark.slow
+
 #: A trial, as a process of its own; it goes on whenever a line comes in, and its store is gone when it ends.
 TRIAL = """
 import sys

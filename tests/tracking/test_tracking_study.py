@@ -16,6 +16,8 @@ from processes import ROOT
 from freemesh_ray.cli.command import main
 from freemesh_ray.tracking import store, sync
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = {
     "curriculum.stages": ["T1"], "runners.count": 0, "budget.env_steps": 400, "budget.minutes": None,
     "evaluation.interval": 200, "tracking.uri": "sqlite:///mlflow.db",

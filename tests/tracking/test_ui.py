@@ -15,7 +15,7 @@ from processes import Server
 
 from freemesh_ray.tracking import MLflowRun, store
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")]
 
 NAMES = sorted(f"{label}-{seed}" for label in ("R1", "R2") for seed in range(3))
 STEPS = range(0, 50_001, 2_500)

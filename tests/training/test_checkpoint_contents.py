@@ -22,6 +22,8 @@ from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage import state_file
 from freemesh_ray.training import checkpoint
 
+pytestmark = pytest.mark.slow
+
 #: Episodes are short, so that many domains are drawn; the actor's steps are rarer than rounds.
 SETTINGS = [
     "runners.count=0", "runners.envs_per_runner=3", "learner.hidden=[8, 8]", "learner.batch_size=16",

@@ -29,6 +29,8 @@ from freemesh_ray.training.job import TrainingResult, train
 from freemesh_ray.training.loop import Status
 from freemesh_ray.training.run_folder import TrainingError
 
+pytestmark = pytest.mark.slow
+
 Harm = Callable[[Any], None]
 
 

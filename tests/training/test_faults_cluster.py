@@ -20,6 +20,8 @@ from processes import ROOT
 
 from freemesh_ray.training import checkpoint
 
+pytestmark = pytest.mark.slow
+
 RUNNER = "TransitionEnvRunner"
 SETTINGS = (
     "name={name}", "runners.count=2", "budget.env_steps=100000000", "budget.minutes=null", "checkpoint.interval=2000",

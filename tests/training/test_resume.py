@@ -11,6 +11,9 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+import pytest
+
+pytestmark = pytest.mark.slow
 
 COMMAND = [
     sys.executable, "-m", "freemesh_ray", "train", "--config", "train_smoke.yaml", "--resume",

@@ -17,6 +17,8 @@ from envs.mdp.front import AREA, AREA_0, ELEMENTS, FREE, INVALID, OUTSIDE, POINT
 from envs.mesh import Mesh
 from envs.types import MAX_ELEMENT_ANGLE, MIN_ELEMENT_ANGLE, Domain, Floats, MeshingParameters
 
+pytestmark = pytest.mark.slow
+
 #: Domain, seed, options. random:3 and D9 have seams; 11 and 20 are small enough for several games.
 GAMES = [
     ("T1", 0, {}), ("T2", 0, {}), ("T3", 1, {}), ("random:5", 0, {}),

@@ -15,6 +15,8 @@ from confined import confined_pool, each
 from envs.domains.load import load_all
 from envs.types import DomainError
 
+pytestmark = pytest.mark.slow
+
 CORNERS = "Point(1)={0,0,0};Point(2)={1,0,0};Point(3)={1,1,0};Point(4)={0,1,0};"
 SIDES = "Line(2)={2,3};Line(3)={3,4};Line(4)={4,1};"
 

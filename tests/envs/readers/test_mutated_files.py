@@ -19,6 +19,8 @@ from envs.polygons import rings
 from envs.readers.formats import BY_SUFFIX
 from envs.types import DomainError
 
+pytestmark = pytest.mark.slow
+
 #: Mutated files of each format.
 FILES = 10_000
 
