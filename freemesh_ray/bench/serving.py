@@ -25,7 +25,7 @@ from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.service import running_service
 
 #: What is meshed, by how many clients at a time, with how many replicas.
-DOMAINS, CLIENTS, REPLICAS = ("D4", "part:3"), (1, 4, 16), (1, 2)
+DOMAINS, CLIENTS, REPLICAS = ("D4", "part-3"), (1, 4, 16), (1, 2)
 
 #: Clients and replicas while one replica is killed.
 KILLED_CLIENTS, KILLED_REPLICAS = 4, 2

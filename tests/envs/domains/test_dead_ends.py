@@ -228,7 +228,7 @@ def messages() -> Iterator[tuple[str, str]]:
                 yield f"{path.relative_to(FOLDER)}:{node.lineno}", text
 
 
-@pytest.mark.parametrize(("where", "text"), messages(), ids=lambda value: value.partition(":")[0][:40])
+@pytest.mark.parametrize(("where", "text"), list(messages()), ids=lambda value: value.partition(":")[0][:40])
 def test_every_refusal_in_the_code_has_a_way_out(where: str, text: str) -> None:
     way_out = text.rpartition("; ")[2] if "; " in text else ""
     assert text.endswith("{}") or way_out.split()[0] in VERBS, f"{where}: {text}"
