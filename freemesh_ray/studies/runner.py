@@ -121,6 +121,8 @@ def run(
         total = study.search.trials if study.search else len(records)
         if sum(record.status in ("finished", "stopped") for record in records) < total:
             records = run_trials(study, folder, plan, records, total, make, parent.id)
+            if isinstance(plan, VariantPlan):  # those that another study trained meanwhile
+                share_finished(study, folder.path, plan, records, tracking, parent.id)
         if sum(record.status in OVER for record in records) < total:
             raise KeyboardInterrupt
         best, evaluation = best_trial(folder, records, study.metric)
@@ -164,7 +166,7 @@ def share_finished(
     if not tracking["enabled"] or parent is None:
         return
     for record in records:
-        if record.shared:
+        if record.status == "finished":
             trial = plan.trials[record.name]
             share(
                 trial.folder.path,

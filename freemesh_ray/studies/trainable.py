@@ -118,8 +118,8 @@ class TrialTrainable(tune.Trainable):
                 conclude(training)
                 with replacing(training.folder.path / FINISHED) as draft:
                     draft.write_text(json.dumps(figures))
-                self._lock.close()
                 self._run.close()
+                self._lock.close()
         except Exception:
             self._run.close("FAILED")
             raise

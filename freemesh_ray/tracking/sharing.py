@@ -27,8 +27,8 @@ def share(
 ) -> str | None:
     """Record a finished run once more, as a child of another parent: its parameters, metrics and artifacts.
 
-    Recorded twice, for the same run and parent, it is one run. The copy of its journal is delivered by the parent while
-    that is at work, and else by `sync`; this neither waits nor raises.
+    Recorded twice, for the same run and parent, it is one run; what is a child of this parent stays as it is. The copy
+    of its journal is delivered by the parent while that is at work, and else by `sync`; this neither waits nor raises.
 
     Args:
         folder: the finished run's folder.
@@ -45,6 +45,8 @@ def share(
     except IndexError:
         log.warning("tracking: %s was not tracked, so it is not shared", folder)
         return None
+    if _parent(original) == parent:
+        return original.stem
     place = shared(Path(into).resolve() / "tracking") / f"{original.stem}-{parent}.jsonl"
     if place.exists():
         return place.stem
@@ -59,6 +61,15 @@ def share(
         log.warning("tracking: %s is not shared (%s)", folder, brief(error))
         return None
     return place.stem
+
+
+def _parent(journal: Path) -> str | None:
+    """The parent that the run was last started with."""
+    parent = None
+    for event, _ in Journal.entries(journal):
+        if event.get("kind") == "start":
+            parent = event.get("parent") or parent
+    return parent
 
 
 def _copied(original: Path, name: str, parent: str, tags: dict[str, str]) -> Iterator[Event]:

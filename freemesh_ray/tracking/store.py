@@ -125,7 +125,12 @@ def experiment_id(client: Any, uri: str, name: str) -> str:
     place = (path.parent / "mlartifacts").as_uri() if uri.startswith(SQLITE) else None
     # The kind decides which of the UI's two faces opens: charts of training, not chat traces.
     tags = {"mlflow.experimentKind": "custom_model_development"}
-    return client.create_experiment(name, artifact_location=place, tags=tags)
+    try:
+        return client.create_experiment(name, artifact_location=place, tags=tags)
+    except Exception as error:
+        if getattr(error, "error_code", None) != "RESOURCE_ALREADY_EXISTS":
+            raise
+        return client.get_experiment_by_name(name).experiment_id  # another process was faster
 
 
 def run_of(client: Any, experiment: str, own_id: str) -> Any | None:

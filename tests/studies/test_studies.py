@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import yaml
 
 from freemesh_ray.storage.lock import holder
 from freemesh_ray.studies.study_folder import StudyFolder
+from freemesh_ray.tracking import store, sync
 
 pytestmark = pytest.mark.slow
 
@@ -107,9 +109,10 @@ def test_what_a_study_has_trained_no_other_trains_again_and_a_failure_sinks_neit
     assert later["fail 13/1"] == 3  # tried, and tried again twice
 
 
-def test_two_studies_at_once_train_what_both_need_once(tmp_path: Path) -> None:
-    usual = {"usual": {"learner.batch_size": 256}}
-    paths = [written(tmp_path, name, {"variants": usual, "seeds": [1]}) for name in ("first", "second")]
+def test_two_studies_at_once_train_what_both_need_once(tmp_path: Path, blank_database: Path) -> None:
+    shutil.copy(blank_database, tmp_path / "mlflow.db")
+    study = {"variants": {"usual": {"learner.batch_size": 256}}, "seeds": [1]}
+    paths = [written(tmp_path, name, study, **{"tracking.enabled": True}) for name in ("first", "second")]
     processes = [
         subprocess.Popen(
             command(path), cwd=tmp_path, env=environment(tmp_path, 0.3), stdout=subprocess.PIPE,
@@ -123,6 +126,12 @@ def test_two_studies_at_once_train_what_both_need_once(tmp_path: Path) -> None:
     assert Counter(log(tmp_path))["begin 256/1"] == 1
     assert [statuses(tmp_path, name) for name in ("first", "second")] == [{"usual-1": "finished"}] * 2
     assert evaluated(tmp_path, "first") == evaluated(tmp_path, "second") == [[200, 400, 600]]
+    sync(tmp_path)
+    client = store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
+    runs = client.search_runs([client.get_experiment_by_name("freemesh").experiment_id])
+    names = {run.info.run_id: run.info.run_name for run in runs}
+    above = [names[run.data.tags["mlflow.parentRunId"]] for run in runs if "mlflow.parentRunId" in run.data.tags]
+    assert sorted(above) == ["first", "second"], "the training is listed in both"
 
 
 def test_two_processes_do_not_run_one_study(tmp_path: Path) -> None:

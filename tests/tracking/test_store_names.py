@@ -92,6 +92,19 @@ def test_a_deleted_experiment_is_told_to_be_restored(
     assert sync(tmp_path / "run") == 3
 
 
+def test_an_experiment_that_another_process_makes_at_the_same_moment_is_used(
+    blank_database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(blank_database, tmp_path / "mlflow.db")
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    client, found = store.connect(uri), [None]
+    key = client.create_experiment("test")
+    look = client.get_experiment_by_name
+    monkeypatch.setattr(client, "get_experiment_by_name", lambda name: found.pop() if found else look(name))
+    assert store.experiment_id(client, uri, "test") == key
+    assert found == []
+
+
 @pytest.mark.parametrize(
     ("said", "fix"),
     [

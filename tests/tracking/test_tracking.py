@@ -495,6 +495,18 @@ def test_a_run_shared_without_a_store_is_left_to_sync(tmp_path: Path, uri: str):
     assert family(uri) == {"study": None, "trial": None, "copy": "study"}
 
 
+def test_a_child_of_the_same_parent_is_not_recorded_again(tmp_path: Path, uri: str):
+    with started(tmp_path / "study", uri, name="study") as study:
+        with started(tmp_path / "trial", uri, name="trial", parent=study.id) as trial:
+            pass
+        with started(tmp_path / "trial", uri, name="trial", resume=True):  # it keeps its parent
+            pass
+        here = {"uri": uri, "experiment": "test", "name": "copy", "into": tmp_path / "study"}
+        assert share(tmp_path / "trial", parent=str(study.id), **here) == trial.id
+    sync(tmp_path)
+    assert family(uri) == {"study": None, "trial": "study"}
+
+
 def test_what_was_never_tracked_is_not_shared(tmp_path: Path, uri: str):
     assert share(tmp_path, uri=uri, experiment="test", name="x", parent="y", into=tmp_path) is None
     assert runs(uri) == []
