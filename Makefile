@@ -1,5 +1,5 @@
 # make install          .venv with everything pinned; two to five minutes
-# make train            the main job: about 20 minutes on two cores after the installation
+# make train            the main job: 18 minutes on two cores after the installation
 # make train BUDGET=paper    the paper's 1.2 million steps
 # make lint             what is checked without running the code
 # make quick            lint and the fast tests: what a change is tried with
