@@ -8,12 +8,14 @@ import secrets
 import shutil
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from freemesh_ray.storage.atomic import OutputError
+from freemesh_ray.storage.lock import FILE, InUseError, held
 
 #: Ray gives itself half a minute to start, which a busy machine may not have.
 ATTEMPTS = 5
@@ -25,6 +27,9 @@ FOLDER = "ray-"
 #: one within ours: Ray opens it to everybody.
 SOCKET_PATH = 103 if sys.platform == "darwin" else 107
 SOCKET = "/r/session_2026-01-01_00-00-00_000000_4194304/sockets/plasma_store.0"
+
+#: A folder younger than this may be about to be locked.
+NEW_SECONDS = 60.0
 
 #: Where Ray's folder may lie besides the user's own place for temporary files, the first that will do.
 SHORT_FOLDERS = ("/tmp", "/dev/shm", "/var/tmp")
@@ -70,7 +75,7 @@ def private_folder(environment: Mapping[str, str] = os.environ) -> Iterator[Path
     """A folder of this user's alone for the sockets and logs of a Ray, with a path as short as sockets need it.
 
     It lies below RAY_TMPDIR, which nothing replaces, or below TMPDIR or the first of `SHORT_FOLDERS` that is short
-    enough and can be written to. It is removed at the end.
+    enough and can be written to. It is locked, and removed at the end; what a killed process left there is removed too.
 
     Raises:
         OutputError: there is no such place.
@@ -84,7 +89,10 @@ def private_folder(environment: Mapping[str, str] = os.environ) -> Iterator[Path
             continue
         try:
             if len(os.fsencode(folder)) + len(SOCKET) <= SOCKET_PATH:
-                yield folder
+                with held(folder, "wait") as locked:
+                    if locked:
+                        _remove_left(Path(parent))
+                    yield folder
                 return
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -92,6 +100,16 @@ def private_folder(environment: Mapping[str, str] = os.environ) -> Iterator[Path
         f"{', '.join(dict.fromkeys(parents))}: no place for Ray's sockets: set RAY_TMPDIR to a folder that can be "
         f"written to, with a path of {SOCKET_PATH - len(SOCKET) - len(f'/{FOLDER}12345678')} bytes at most"
     )
+
+
+def _remove_left(parent: Path) -> None:
+    """Remove the folders of this user's below ``parent`` that nobody holds any more."""
+    for folder in parent.glob(f"{FOLDER}*/{FILE}"):
+        with suppress(OSError, InUseError):
+            about = folder.stat()
+            if about.st_uid == os.getuid() and time.time() - about.st_mtime > NEW_SECONDS:
+                with held(folder.parent, "wait"):
+                    shutil.rmtree(folder.parent, ignore_errors=True)
 
 
 def _start(slots: int, folder: Path) -> None:

@@ -39,8 +39,8 @@ class InUseError(UserError):
 
 
 @contextmanager
-def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[None]:
-    """Hold the lock of ``folder``, which must be there.
+def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[bool]:
+    """Hold the lock of ``folder``, which must be there; yields whether its file system has locks.
 
     Args:
         folder: that no other process, and no one else in this one, shall work in meanwhile.
@@ -54,7 +54,7 @@ def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[None]:
     descriptor = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
     deadline = time.monotonic() + patience
     try:
-        while not _locked(descriptor, folder):
+        while (locked := _locked(descriptor, folder)) is False:
             if time.monotonic() >= deadline:
                 raise InUseError(f"{folder}: {_holder(descriptor)}: {fix}")
             time.sleep(PAUSE_SECONDS)
@@ -62,7 +62,7 @@ def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[None]:
             "host": platform.node(), "pid": os.getpid(), "boot": BOOT.read_text().strip() if BOOT.is_file() else None,
             "since": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
         })  # fmt: skip
-        yield
+        yield bool(locked)
     finally:
         os.close(descriptor)
 
@@ -74,19 +74,20 @@ def holder(folder: Path) -> str | None:
     except OSError:
         return None
     try:
-        return None if _locked(descriptor, folder) else _holder(descriptor)
+        return _holder(descriptor) if _locked(descriptor, folder) is False else None
     finally:
         os.close(descriptor)
 
 
-def _locked(descriptor: int, folder: Path) -> bool:
-    """Whether the lock could be had, or there are no locks."""
+def _locked(descriptor: int, folder: Path) -> bool | None:
+    """Whether the lock could be had; None where there are no locks."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno in HELD:
             return False
         log.warning("%s: no lock can be had (%s): let no second process work there", folder, error.strerror)
+        return None
     return True
 
 

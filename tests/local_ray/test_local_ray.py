@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import os
 import stat
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from processes import ROOT, outside
 
 from freemesh_ray.local_ray import SHORT_FOLDERS, SOCKET, SOCKET_PATH, private_folder
 from freemesh_ray.storage.atomic import OutputError
+from freemesh_ray.storage.lock import FILE
 
 pytestmark = pytest.mark.slow
 
@@ -90,6 +92,20 @@ def test_the_folder_lies_where_the_user_says_if_sockets_can(variable: str) -> No
     ):
         assert folder.parent == Path(short)
         assert len(f"{folder}{SOCKET}") <= SOCKET_PATH
+
+
+def test_what_a_killed_process_left_is_removed_and_nothing_else() -> None:
+    with tempfile.TemporaryDirectory(prefix="s", dir="/tmp") as short:
+        left, young, foreign = (Path(short) / f"ray-{name}" for name in ("left", "young", "foreign"))
+        for folder in (left, young, foreign):
+            (folder / "r").mkdir(parents=True)
+        for folder in (left, young):
+            (folder / FILE).touch()
+        with private_folder({"TMPDIR": short}) as at_work:
+            for folder in (left, at_work):
+                os.utime(folder / FILE, (0, 0))
+            with private_folder({"TMPDIR": short}) as second:
+                assert set(Path(short).iterdir()) == {young, foreign, at_work, second}
 
 
 def test_ray_s_own_variable_is_not_passed_over(tmp_path: Path) -> None:
