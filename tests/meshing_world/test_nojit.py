@@ -37,7 +37,7 @@ def interpreted(*arguments: str) -> None:
 
 def test_kernel_tests_pass_interpreted() -> None:
     names = ("kernels/test_geometry.py", "kernels/test_slot_tree.py", "test_quality.py")
-    interpreted("-m", "pytest", "-p", "no:cacheprovider", *(f"envs/{name}" for name in names))
+    interpreted("-m", "pytest", "-p", "no:cacheprovider", *(f"meshing_world/{name}" for name in names))
 
 
 @pytest.mark.parametrize(("name", "type2"), [("random:11", False), ("random:3", True)])
