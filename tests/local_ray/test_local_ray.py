@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from processes import ROOT, outside
 
-from freemesh_ray.local_ray import SHORT_FOLDERS, SOCKET, SOCKET_PATH, private_folder
+from freemesh_ray.local_ray.private_folder import SHORT_FOLDERS, SOCKET, SOCKET_PATH, private_folder
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.storage.lock import FILE
 
@@ -98,7 +98,8 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else() -> None:
     with tempfile.TemporaryDirectory(prefix="s", dir="/tmp") as short:
         left, young, foreign = (Path(short) / f"ray-{name}" for name in ("left", "young", "foreign"))
         for folder in (left, young, foreign):
-            (folder / "r").mkdir(parents=True)
+            folder.mkdir(mode=0o700)
+            (folder / "r").mkdir()
         for folder in (left, young):
             (folder / FILE).touch()
         with private_folder({"TMPDIR": short}) as at_work:

@@ -1,0 +1,137 @@
+"""Starting an embedded Ray, and ending it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from freemesh_ray.local_ray.private_folder import private_folder
+from freemesh_ray.local_ray.session import Session
+from freemesh_ray.local_ray.variables import environment
+
+#: Ray gives itself half a minute to start, which a busy machine may not have.
+ATTEMPTS = 5
+
+#: Processes without which nothing goes on, as Ray calls them and as we do.
+VITAL = {"raylet": "raylet", "gcs_server": "GCS"}
+
+
+@contextmanager
+def _without_its_greeting() -> Iterator[None]:
+    """Keep the line with which Ray's C++ part announces the log level that silences it off stderr."""
+    sys.stderr.flush()
+    saved = os.dup(2)
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            caught.seek(0)
+            for line in caught.read().decode(errors="replace").splitlines():
+                if "Set ray log level" not in line:
+                    print(line, file=sys.stderr)
+
+
+def _start(slots: int, folder: Path) -> None:
+    """Start a Ray with as many slots as processes, whatever the machine has: they share its cores."""
+    import ray
+
+    for attempt in range(ATTEMPTS):
+        try:
+            ray.init(
+                num_cpus=slots, include_dashboard=False, logging_level=logging.ERROR, log_to_driver=False,
+                _temp_dir=str(folder / "r"),
+            )  # fmt: skip
+            return
+        except Exception as error:
+            ray.shutdown()
+            if "timed out during startup" not in str(error) or attempt == ATTEMPTS - 1:
+                raise
+
+
+def _processes() -> dict[str, int]:
+    """Numbers of the processes of the Ray that this process has started, by name."""
+    import ray
+
+    started = ray._private.worker._global_node.all_processes
+    return {VITAL.get(name, name): infos[0].process.pid for name, infos in started.items()}
+
+
+@contextmanager
+def _own_handler_of_sigterm() -> Iterator[None]:
+    """Keep the handler of SIGTERM, if there is one: Ray sets its own, which ends the process."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.getsignal(signal.SIGTERM)
+    own = callable(before)
+    try:
+        yield
+    except SystemExit as stop:
+        if not own or stop.code != signal.SIGTERM:
+            raise
+        signal.signal(signal.SIGTERM, before)
+        signal.raise_signal(signal.SIGTERM)
+    finally:
+        if own:
+            signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Keep Ray's temporary files, which have names that others can guess, in a folder of our own."""
+    before = os.environ.get("RAY_TMPDIR")
+    os.environ["RAY_TMPDIR"] = str(folder)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["RAY_TMPDIR"]
+        else:
+            os.environ["RAY_TMPDIR"] = before
+
+
+@contextmanager
+def local_ray(workers: int, fix: str = "start it again") -> Iterator[Session]:
+    """A Ray with room for ``workers`` processes, env runners and learners, beside the training's own.
+
+    An address in RAY_ADDRESS is used instead.
+
+    Args:
+        workers: as said.
+        fix: what the line tells the user to do with which this process ends when Ray's own are killed.
+
+    Raises:
+        OutputError: see `private_folder`.
+    """
+    environment()
+    warnings.filterwarnings("ignore", category=DeprecationWarning)
+    # RLlib registers its one environment name again for every algorithm.
+    warnings.filterwarnings("ignore", message=".*Overriding environment rllib.*")
+    import ray
+
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    logging.getLogger("ray.rllib").setLevel(logging.ERROR)
+    with ExitStack() as stack:
+        if os.environ.get("RAY_ADDRESS"):
+            stack.callback(ray.shutdown)
+            with _own_handler_of_sigterm(), _without_its_greeting():
+                ray.init(logging_level=logging.ERROR, log_to_driver=False)
+            yield Session()
+        else:
+            folder = stack.enter_context(private_folder())
+            stack.enter_context(_temporary_files_in(folder))
+            stack.callback(ray.shutdown)
+            with _own_handler_of_sigterm(), _without_its_greeting():
+                _start(max(workers + 1, os.cpu_count() or 1), folder)
+            yield stack.enter_context(Session(folder, _processes(), VITAL.values(), fix))
