@@ -16,6 +16,7 @@ from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
 from freemesh_ray.algorithms.curriculum import Curriculum
+from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
 from freemesh_ray.policies.evaluation import MODES, evaluate
 from freemesh_ray.policies.policy import Policy
@@ -107,6 +108,8 @@ class MeshAlgorithm(Algorithm):
         #: Since when no env runner answers; None while one does.
         self._silent: float | None = None
         self._probed = time.monotonic()
+        #: Asked before every round, and for every domain of an evaluation; yes: leave with `Cut`.
+        self.hurried: Callable[[], bool] = lambda: False
 
     def _setup_logdir(self) -> None:
         """Make no folder but Tune's: RLlib writes nothing here into the one that it makes in ~/ray_results."""
@@ -121,7 +124,9 @@ class MeshAlgorithm(Algorithm):
 
         Raises:
             EnvRunnerError: one raises again and again, or for ``runner_timeout`` none has answered.
+            Cut: it is hurried; nothing was asked.
         """
+        self._leave_if_hurried()
         request["task"] = None if self.curriculum is None else self.curriculum.task()
         if self.env_runner_group.num_remote_env_runners() == 0:
             found = {0: getattr(self.env_runner, method)(**request)}
@@ -141,6 +146,10 @@ class MeshAlgorithm(Algorithm):
         elif time.monotonic() - self._silent > self.config.runner_timeout:
             raise EnvRunnerError(f"no env runner has answered for {self.config.runner_timeout:.0f} s")
         return answers
+
+    def _leave_if_hurried(self) -> None:
+        if self.hurried():
+            raise Cut
 
     def _from_remote(self, method: str, request: dict[str, Any]) -> dict[int, Any]:
         """Each remote env runner's answer to a call, or its Failure."""
@@ -242,13 +251,19 @@ class MeshAlgorithm(Algorithm):
 
         Returns:
             ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluation.FIGURES.
+
+        Raises:
+            Cut: it is hurried.
         """
         domains, parameters = (self.config.env_config[key] for key in ("domain", "parameters"))
         layers = [(np.asarray(weight), np.asarray(bias)) for weight, bias in self.actor_weights()]
         policy = Policy(layers, parameters)
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
 
-        by_domain = {domain.name: evaluate(policy, domain, episodes, seed) for domain in domains}
+        by_domain = {}
+        for domain in domains:
+            self._leave_if_hurried()
+            by_domain[domain.name] = evaluate(policy, domain, episodes, seed)
         return {mode: {name: figures[mode] for name, figures in by_domain.items()} for mode in MODES}
 
     def actor_weights(self) -> list[tuple[Any, Any]]:

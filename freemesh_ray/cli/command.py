@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
+from types import FrameType
 
 from envs.errors import INTERRUPTED, UserError
 from freemesh_ray.cli import bench, compare, compile, domains, mesh, paper, report, serve, study, submit, sync, train
@@ -50,10 +54,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.command != "submit":  # which talks to somebody else's Ray
         ray_environment()
     try:
-        return COMMANDS[options.command].run(options)
+        with _ended_by_sigterm():
+            return COMMANDS[options.command].run(options)
     except UserError as error:
         print(f"freemesh: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print("freemesh: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let a scheduler's signal be what Ctrl-C is."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from envs.errors import INTERRUPTED
 from freemesh_ray.cli.arguments import add_command, add_settings
+from freemesh_ray.cli.stop_signal import StopSignal
 
 if TYPE_CHECKING:
     from freemesh_ray.training.job import TrainingResult
+    from freemesh_ray.training.loop import Algorithm
 
 EPILOG = """\
 examples:
@@ -67,42 +69,27 @@ def run(options: argparse.Namespace) -> int:
     check(settings["learner"])
     prepare(settings, options.resume)
     progress = ProgressLine(sys.stdout)
-    with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
+    processes = settings["runners"]["count"] + settings["learner"]["count"]
+    with local_ray(processes, "--resume goes on from the last checkpoint") as session:
         from freemesh_ray.algorithms.build import build
 
-        stop = StopSignal()
-        result = train(
-            settings,
-            resume=options.resume,
-            make=build,
-            report=progress.show,
-            note=progress.note,
-            interrupted=stop.was_given,
-        )
+        def make(config: Mapping[str, Any]) -> Algorithm:
+            algorithm = build(config)
+            algorithm.hurried = stop.is_urgent
+            return algorithm
+
+        with StopSignal(lambda: session.end("interrupted", INTERRUPTED)) as stop:
+            result = train(
+                settings,
+                resume=options.resume,
+                make=make,
+                report=progress.show,
+                note=progress.note,
+                interrupted=stop.was_given,
+            )
     progress.finish()
     print(train_table(result, settings))
     return 0
-
-
-class StopSignal:
-    """Ctrl-C, or a scheduler's SIGTERM: remembered, so that training stops between two iterations and loses nothing.
-
-    A second one interrupts at once. To be made after Ray is started, which sets a handler of its own.
-    """
-
-    def __init__(self) -> None:
-        self._given = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._remember)
-
-    def _remember(self, number: int, frame: object) -> None:
-        if self._given:
-            raise KeyboardInterrupt
-        self._given = True
-
-    def was_given(self) -> bool:
-        """Whether to stop."""
-        return self._given
 
 
 def train_table(result: TrainingResult, config: Mapping[str, Any]) -> str:

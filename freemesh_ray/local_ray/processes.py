@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ STOPPED, DEAD = "T", "ZX"
 
 
 class Process(NamedTuple):
-    """A process that no later one with its number is taken for.
+    """A process; a later one that gets its number is another.
 
     Attributes:
         number: of the process.
@@ -43,28 +42,27 @@ class Process(NamedTuple):
 
 
 def process(number: int) -> Process | None:
-    """The process of this number; None when it is gone."""
+    """The living process of this number, if there is one."""
     found = _read(number)
     return Process(number, found[1]) if found is not None and found[0] not in DEAD else None
 
 
-def descendants(roots: Iterable[int]) -> Iterator[Process]:
-    """The children of processes, their children, and so on, parents first."""
-    for root in roots:
-        for number in _children(root):
-            if (child := process(number)) is not None:
-                yield child
-            yield from descendants([number])
-
-
-def _children(number: int) -> list[int]:
-    """Numbers of the children of a process; each was started by one of its threads."""
+def children(number: int) -> list[Process]:
+    """The living children of a process."""
     found: list[int] = []
     with suppress(OSError):
-        for thread in os.listdir(f"/proc/{number}/task"):
+        for thread in os.listdir(f"/proc/{number}/task"):  # each knows those that it started
             with suppress(OSError):
                 found += map(int, Path(f"/proc/{number}/task/{thread}/children").read_text().split())
-    return found
+    return [one for one in map(process, found) if one is not None]
+
+
+def command_line(number: int) -> str:
+    """The words of a process, with spaces in between; empty when it is gone."""
+    try:
+        return Path(f"/proc/{number}/cmdline").read_text(errors="replace").replace("\0", " ")
+    except OSError:
+        return ""
 
 
 def _read(number: int) -> tuple[str, int] | None:

@@ -1,77 +1,88 @@
-"""A running Ray of this process's own, watched: without its raylet or its GCS nothing goes on, and nobody would tell.
+"""A running Ray of this process's own, watched: when a part of it dies nothing goes on, and nobody would tell.
 
-Ray's calls then wait for ever, or end the process with a page of log. Here the process ends with one line, and takes
-along what it has started. A process of the session that somebody has stopped (SIGSTOP) is let go on.
+Ray's calls then wait for ever, or end the process with a page of log. Here the process ends with one line. Its guard,
+another process, ends the rest of Ray with it, however it ended.
 """
 
 from __future__ import annotations
 
 import os
 import select
-import shutil
 import signal
+import subprocess
+import sys
 import threading
-from collections import Counter
-from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from envs.errors import FAILED
-from freemesh_ray.local_ray.processes import STOPPED, Process, descendants, process
+from freemesh_ray.local_ray.processes import STOPPED, children, command_line, process
 
-#: Seconds between two looks; the death of a process is told at once.
+#: Processes without which nothing goes on, and what their command lines tell them by, early and late: Ray ends a raylet
+#: that has lost one of its agents.
+VITAL = {
+    "GCS": ("/gcs_server",),
+    "raylet": ("/raylet/raylet",),
+    "dashboard agent": ("/dashboard/agent.py", "ray::DashboardAgent"),
+    "runtime env agent": ("/runtime_env/agent/main.py", "ray::RuntimeEnvAgent"),
+}
+
+#: Words of a command line that say what it runs; a raylet's further ones name its agents.
+WORDS = 4
+#: Seconds between two looks at the guard.
 LOOK_SECONDS = 0.5
-#: Looks in a row at which a process is found stopped before it is let go on: a shell's `fg` may be on its way.
-STOPPED_LOOKS = 2
+#: Seconds that the guard gets to end what is left, which takes a few milliseconds.
+GUARD_SECONDS = 10.0
 
 
 class Session:
-    """A running Ray, in a ``with`` block; one of somebody else's has no processes here."""
+    """A Ray, in a ``with`` block that begins before it does; one of somebody else's has no processes here."""
 
-    def __init__(
-        self,
-        folder: Path | None = None,
-        processes: Mapping[str, int] | None = None,
-        vital: Collection[str] = (),
-        fix: str = "",
-    ) -> None:
+    def __init__(self, folder: Path | None = None, fix: str = "") -> None:
         """Describe it.
 
         Args:
-            folder: Ray's, which is removed when the process ends before its time.
-            processes: numbers of those that this process has started, by name; they have children.
-            vital: names of those without which nothing goes on.
-            fix: what the line that this process then ends with tells its user to do.
+            folder: Ray's; None for somebody else's.
+            fix: what the line that this process may end with tells its user to do.
         """
         self._folder, self._fix = folder, fix
-        self._known: set[Process] = set()
-        self._vital: dict[int, str] = {}
-        for name, number in (processes or {}).items():
-            if (found := process(number)) is not None:
-                self._known.add(found)
-                if name in vital:
-                    self._vital[os.pidfd_open(number)] = f"Ray's {name} (process {number})"
-        self._stopped: Counter[Process] = Counter()
-        self._over, self._end_of_block = os.pipe()
+        self._guard: subprocess.Popen[bytes] | None = None
+        self._thread: threading.Thread | None = None
         self._ending = threading.Lock()
-        self._thread = threading.Thread(target=self._watch, name="Ray's watch", daemon=True)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        if self._folder is not None and process(os.getpid()) is not None:
+            self._start_guard()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        os.close(self._end_of_block)
-        self._thread.join()
-        for descriptor in (self._over, *self._vital):
-            os.close(descriptor)
+        self.unwatch()
+        if self._guard is not None and self._guard.stdin is not None:
+            self._guard.stdin.close()
+            with suppress(subprocess.TimeoutExpired):
+                self._guard.wait(GUARD_SECONDS)
+
+    def watch(self) -> None:
+        """End this process with a line as soon as Ray, which is up now, is not any more; until `unwatch`."""
+        vital = self._vital()
+        if vital:
+            self._over, self._end_of_watch = os.pipe()
+            self._thread = threading.Thread(target=self._watch, args=(vital,), name="Ray's watch", daemon=True)
+            self._thread.start()
+
+    def unwatch(self) -> None:
+        """Ray is going to be ended."""
+        if self._thread is not None:
+            os.close(self._end_of_watch)
+            self._thread.join()
+            self._thread = None
 
     def end(self, line: str, code: int) -> None:
-        """End this process at once, from whatever thread, and all that Ray has started.
+        """End this process at once, from whatever thread; its guard ends what it has started.
 
         Args:
             line: what it says.
@@ -80,38 +91,42 @@ class Session:
         self._ending.acquire()  # a second one waits for the end
         with suppress(OSError):
             os.write(2, f"freemesh: {line}\n".encode(errors="replace"))
-            silence = os.open(os.devnull, os.O_WRONLY)
-            for stream in (1, 2):  # Ray's own story would follow
-                os.dup2(silence, stream)
-        self._look()
-        for one in self._known:
-            one.send(signal.SIGKILL)
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
         os._exit(code)
 
-    def _watch(self) -> None:
-        looks = select.poll()
-        for descriptor in (self._over, *self._vital):
-            looks.register(descriptor, select.POLLIN | select.POLLHUP)
-        while True:
-            told = [descriptor for descriptor, _ in looks.poll(1000 * LOOK_SECONDS)]
-            if self._over in told:
-                return
+    def _start_guard(self) -> None:
+        # A process group of its own: Ctrl-C is for us.
+        self._guard = subprocess.Popen(
+            [sys.executable, "-m", "freemesh_ray.local_ray.guard", str(self._folder), str(os.getpid())],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}, stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, process_group=0,
+        )  # fmt: skip
+
+    def _vital(self) -> dict[int, str]:
+        """The processes of `VITAL`: a descriptor that tells of its death, and what to call it."""
+        ours = [one for one in children(os.getpid()) if str(self._folder) in command_line(one.number)]
+        found = {}
+        for one in [*ours, *(child for parent in ours for child in children(parent.number))]:
+            words = command_line(one.number).split()[:WORDS]
+            for name, endings in VITAL.items():
+                if any(word.endswith(endings) for word in words):
+                    with suppress(OSError):
+                        found[os.pidfd_open(one.number)] = f"Ray's {name} (process {one.number})"
+        return found
+
+    def _watch(self, vital: dict[int, str]) -> None:
+        signs = select.poll()
+        for descriptor in (self._over, *vital):
+            signs.register(descriptor, select.POLLIN | select.POLLHUP)
+        while self._over not in (told := [descriptor for descriptor, _ in signs.poll(1000 * LOOK_SECONDS)]):
             for descriptor in told:
-                self.end(f"{self._vital[descriptor]} is gone, killed or out of memory: {self._fix}", FAILED)
-            self._look()
-            self._wake()
+                self.end(f"{vital[descriptor]} is gone, killed or out of memory: {self._fix}", FAILED)
+            self._keep_guard()
+        for descriptor in (self._over, *vital):
+            os.close(descriptor)
 
-    def _look(self) -> None:
-        """Remember what Ray has started, whoever is its parent now."""
-        self._known = {one for one in self._known if one.alive}
-        self._known.update(descendants([one.number for one in self._known]))
-
-    def _wake(self) -> None:
-        """Let those go on that are stopped."""
-        stopped = {one for one in self._known if one.state == STOPPED}
-        self._stopped = Counter({one: self._stopped[one] + 1 for one in stopped})
-        for one, looks in self._stopped.items():
-            if looks >= STOPPED_LOOKS:
-                one.send(signal.SIGCONT)
+    def _keep_guard(self) -> None:
+        """Start another guard where this one was killed, and let it go on where it was stopped."""
+        if self._guard is not None and self._guard.poll() is not None:
+            self._start_guard()
+        elif self._guard is not None and (found := process(self._guard.pid)) is not None and found.state == STOPPED:
+            found.send(signal.SIGCONT)

@@ -20,9 +20,6 @@ from freemesh_ray.local_ray.variables import environment
 #: Ray gives itself half a minute to start, which a busy machine may not have.
 ATTEMPTS = 5
 
-#: Processes without which nothing goes on, as Ray calls them and as we do.
-VITAL = {"raylet": "raylet", "gcs_server": "GCS"}
-
 
 @contextmanager
 def _without_its_greeting() -> Iterator[None]:
@@ -57,14 +54,6 @@ def _start(slots: int, folder: Path) -> None:
             ray.shutdown()
             if "timed out during startup" not in str(error) or attempt == ATTEMPTS - 1:
                 raise
-
-
-def _processes() -> dict[str, int]:
-    """Numbers of the processes of the Ray that this process has started, by name."""
-    import ray
-
-    started = ray._private.worker._global_node.all_processes
-    return {VITAL.get(name, name): infos[0].process.pid for name, infos in started.items()}
 
 
 @contextmanager
@@ -109,7 +98,7 @@ def local_ray(workers: int, fix: str = "start it again") -> Iterator[Session]:
 
     Args:
         workers: as said.
-        fix: what the line tells the user to do with which this process ends when Ray's own are killed.
+        fix: what the line tells the user to do with which this process ends when processes of Ray's die.
 
     Raises:
         OutputError: see `private_folder`.
@@ -122,6 +111,8 @@ def local_ray(workers: int, fix: str = "start it again") -> Iterator[Session]:
 
     logging.getLogger("ray").setLevel(logging.ERROR)
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
+    # Of actors that fail it tells all; who called them tells what matters.
+    logging.getLogger("ray.rllib.utils.actor_manager").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         if os.environ.get("RAY_ADDRESS"):
             stack.callback(ray.shutdown)
@@ -131,7 +122,10 @@ def local_ray(workers: int, fix: str = "start it again") -> Iterator[Session]:
         else:
             folder = stack.enter_context(private_folder())
             stack.enter_context(_temporary_files_in(folder))
+            session = stack.enter_context(Session(folder, fix))
             stack.callback(ray.shutdown)
             with _own_handler_of_sigterm(), _without_its_greeting():
                 _start(max(workers + 1, os.cpu_count() or 1), folder)
-            yield stack.enter_context(Session(folder, _processes(), VITAL.values(), fix))
+            session.watch()
+            stack.callback(session.unwatch)
+            yield session

@@ -51,7 +51,7 @@ def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[bool]:
         InUseError: another holds it.
         OSError: there is no such folder, or it cannot be written to.
     """
-    descriptor = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
+    descriptor = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o666)
     deadline = time.monotonic() + patience
     try:
         while (locked := _locked(descriptor, folder)) is False:

@@ -250,10 +250,14 @@ def conclude(training: Training) -> list[StageMeshes]:
 
     Raises:
         OutputError: a file cannot be written.
+        KeyboardInterrupt: it was interrupted.
     """
     folder = training.folder
     policy = Policy.load(folder.policy)
-    stages = [mesh_stage(policy, stage, folder.meshes) for stage in training.config["curriculum"]["stages"]]
+    stages = []
+    for stage in training.config["curriculum"]["stages"]:
+        training.leave_if_interrupted()
+        stages.append(mesh_stage(policy, stage, folder.meshes))
     for stage in stages:
         for name, prefix in METRICS.items():
             figures = stage.figures.get(name, {})

@@ -9,6 +9,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from envs.domains.load import source
+from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.config import ALGORITHMS, meshing_parameters
 from freemesh_ray.policies.evaluation import COMPLETION, MODES, RETURN, metric
 from freemesh_ray.policies.policy import Policy
@@ -39,7 +41,7 @@ class Algorithm(Protocol):
     incidents: list[str]
 
     def train(self) -> dict[str, Any]:
-        """One iteration; a result tree as RLlib's."""
+        """One iteration; a result tree as RLlib's. `Cut` leaves it early, with all that was done until then."""
 
     def evaluate(self) -> dict[str, Any]:
         """Figures by mode (deterministic, stochastic) and domain."""
@@ -115,7 +117,8 @@ class Training:
         run: where metrics go.
         report: called with a Status after every iteration.
         note: called with a line of text at milestones.
-        interrupted: asked after every iteration; when it says so, a checkpoint is saved and KeyboardInterrupt raised.
+        interrupted: asked after every iteration and for every mesh at the end; when it says so, a checkpoint is saved
+            and KeyboardInterrupt raised.
     """
 
     algorithm: Algorithm
@@ -212,21 +215,35 @@ class Training:
         self._clock = time.monotonic()
         progress = self.progress
         while not self.done():
-            self._iterate()
-            if self._evaluation_due():
-                self.evaluate()
-            if self.interrupted():
-                path = self.save()
-                self.note(f"interrupted at {progress.env_steps:,} steps; saved {path}: --resume goes on from it")
-                raise KeyboardInterrupt
+            try:
+                self._iterate()
+                if self._evaluation_due():
+                    self.evaluate()
+            except Cut:
+                self._catch_up()
+            self.leave_if_interrupted()
             if progress.env_steps - max(0, self._tried_at) >= self.config["checkpoint"]["interval"]:
                 try:
                     self.save()
                 except OutputError as error:
                     self.note(f"{error}; training goes on, the next is tried later")
         if progress.evaluated_at < progress.env_steps:
-            self.evaluate()
+            with suppress(Cut):
+                self.evaluate()
         self.save()
+        self.leave_if_interrupted()
+
+    def leave_if_interrupted(self) -> None:
+        """Save a checkpoint, if there is none of this moment, where ``interrupted`` says so.
+
+        Raises:
+            KeyboardInterrupt: it did.
+            OutputError: the checkpoint cannot be written.
+        """
+        if self.interrupted():
+            path = self.save()
+            self.note(f"interrupted at {self.progress.env_steps:,} steps; saved {path}: --resume goes on from it")
+            raise KeyboardInterrupt
 
     def to_next_evaluation(self) -> dict[str, float]:
         """Train until the next evaluation is due or the budget is spent, and evaluate.
@@ -259,11 +276,7 @@ class Training:
         results = self.algorithm.train()
         took = time.monotonic() - began
         progress = self.progress
-        progress.env_steps, progress.updates = self.algorithm.env_steps, self.algorithm.updates
-        self._tick()
-        for incident in self.algorithm.incidents:
-            self.note(incident)
-        self.algorithm.incidents.clear()
+        self._catch_up()
         self._recent.extend(self.algorithm.finished)
         iteration = metrics.Iteration(
             self.algorithm.curriculum.stage, progress.updates, progress.seconds, progress.updates - updates, took
@@ -275,6 +288,14 @@ class Training:
         if self.algorithm.curriculum.name != stage:
             self.note(f"stage {stage} -> {self.algorithm.curriculum.name} at {progress.env_steps:,} steps")
         self.report(self._status((progress.updates - updates) / took))
+
+    def _catch_up(self) -> None:
+        """Count and tell what the algorithm has done since it was last asked."""
+        self.progress.env_steps, self.progress.updates = self.algorithm.env_steps, self.algorithm.updates
+        self._tick()
+        for incident in self.algorithm.incidents:
+            self.note(incident)
+        self.algorithm.incidents.clear()
 
     def _status(self, updates_per_second: float) -> Status:
         budget, progress = self.config["budget"], self.progress
