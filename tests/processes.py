@@ -79,6 +79,11 @@ class Server:
         self._process.terminate()
         return self._process.wait(seconds)
 
+    def wait(self, seconds: float = 120) -> int:
+        """Its exit code, when it ends by itself."""
+        assert self._process is not None
+        return self._process.wait(seconds)
+
     def kill(self) -> None:
         """Kill it and its children, as a power cut would."""
         if self._process:

@@ -30,8 +30,8 @@ DOMAINS, CLIENTS, REPLICAS = ("D4", "part-3"), (1, 4, 16), (1, 2)
 #: Clients and replicas while one replica is killed.
 KILLED_CLIENTS, KILLED_REPLICAS = 4, 2
 
-#: How Serve calls the processes of the meshers; what they are doing follows.
-MESHER = "ray::ServeReplica:freemesh:Mesher"
+#: How Ray calls the processes of the meshers; what they are doing follows.
+MESHER = "ray::Mesher"
 
 #: Seconds that a killed replica may be away for before the measurement is given up.
 PATIENCE = 300.0
@@ -141,7 +141,6 @@ def after_a_kill(port: int, body: bytes) -> str:
         victim, *others = meshers()
         os.kill(victim, signal.SIGKILL)
         began = time.perf_counter()
-        # Serve starts another one when it knows; from then on what it says of those that run is true.
         while set(meshers()) <= {victim, *others} or running(port) < KILLED_REPLICAS:
             if time.perf_counter() - began > PATIENCE:
                 return f"a replica was killed and is not back after {PATIENCE:g} s"
@@ -175,7 +174,7 @@ def meshers() -> list[int]:
 
 
 def running(port: int) -> int:
-    """The meshers that Serve knows to run."""
+    """The meshers that can take a request."""
     return json.loads(page(port, "/health"))["meshers"]
 
 

@@ -29,17 +29,23 @@ def add(commands: Any) -> None:
 
     usual = Limits()
     serve = add_command(
-        commands, "serve", "mesh over HTTP", "Answer GeoJSON polygons with meshes, on Ray Serve.", EPILOG
+        commands, "serve", "mesh over HTTP", "Answer GeoJSON polygons with meshes, by meshers on Ray.", EPILOG
     )
     serve.add_argument("--host", default="127.0.0.1", metavar="H", help="address to listen on (127.0.0.1)")
     serve.add_argument("--port", type=whole(1, 65535), default=8000, metavar="P", help="port to listen on (8000)")
     serve.add_argument("--replicas", type=whole(1, 256), default=1, metavar="N", help="meshes made at a time (1)")
+    serve.add_argument("--allowed-hosts", type=_names, default=(), metavar="A,B",
+                       help="names that the server goes by, beside --host and localhost")  # fmt: skip
     add_policy(serve, "the shipped ones")
     limits = serve.add_argument_group("limits of a request")
     limits.add_argument("--max-body-mb", type=positive, default=usual.body_bytes / 1e6, metavar="MB",
                         help=f"size of a polygon ({usual.body_bytes / 1e6:g})")  # fmt: skip
     limits.add_argument("--max-vertices", type=whole(4, 1_000_000), default=usual.vertices, metavar="N",
                         help=f"vertices of a boundary, after --edge-length ({usual.vertices})")  # fmt: skip
+    limits.add_argument("--max-elements", type=whole(1, 100_000_000), default=usual.elements, metavar="N",
+                        help=f"expected elements of a mesh ({usual.elements})")  # fmt: skip
+    limits.add_argument("--max-memory-gb", type=positive, default=usual.worker_bytes / 1e9, metavar="GB",
+                        help=f"memory for a mesh ({usual.worker_bytes / 1e9:g})")  # fmt: skip
     limits.add_argument("--max-seconds", type=seconds, default=usual.seconds, metavar="S",
                         help=f"time of a mesh ({usual.seconds:g})")  # fmt: skip
 
@@ -49,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
 
     Raises:
         PolicyError: the policy file cannot be used.
-        ServiceError: the service cannot be started, or not as it is asked for.
+        ServiceError: the service cannot be started, or not as it is asked for; or it cannot go on.
         KeyboardInterrupt: Ctrl-C.
     """
     from freemesh_ray.policies.policy import SHIPPED, Policy
@@ -60,33 +66,44 @@ def run(options: argparse.Namespace) -> int:
     files = {"given": options.policy} if options.policy else SHIPPED
     policies = {density: Policy.load(file) for density, file in files.items()}
     limits = Limits(
-        body_bytes=int(options.max_body_mb * 1e6), vertices=options.max_vertices, seconds=options.max_seconds
-    )
+        body_bytes=int(options.max_body_mb * 1e6), vertices=options.max_vertices, elements=options.max_elements,
+        worker_bytes=int(options.max_memory_gb * 1e9), seconds=options.max_seconds,
+    )  # fmt: skip
     token = os.environ.get(TOKEN, "")
+    before = signal.signal(signal.SIGTERM, _terminate)
     try:
         if not token and not is_loopback(options.host):
             raise ServiceError(f"--host {options.host}: anyone could mesh here: set {TOKEN}, or use 127.0.0.1")
         with running_service(
             policies, limits, host=options.host, port=options.port, replicas=options.replicas,
-            token=digest(token) if token else None,
-        ):  # fmt: skip
-            _wait(options, bool(token))
-    except SystemExit:
-        pass  # SIGTERM: a handler of ours, or of Ray's while it starts
+            token=digest(token) if token else None, hosts=options.allowed_hosts,
+        ) as service:  # fmt: skip
+            _tell(options, bool(token))
+            service.wait()
+    except _Terminated:
+        pass
+    finally:
+        signal.signal(signal.SIGTERM, before)
     return 0
 
 
+class _Terminated(BaseException):
+    """SIGTERM came."""
+
+
 def _terminate(number: int, frame: object) -> None:
-    raise SystemExit
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise _Terminated
 
 
-def _wait(options: argparse.Namespace, guarded: bool) -> None:
-    """Say where it is, and wait for a signal."""
+def _names(text: str) -> tuple[str, ...]:
+    """Names between commas."""
+    return tuple(filter(None, (name.strip() for name in text.split(","))))
+
+
+def _tell(options: argparse.Namespace, guarded: bool) -> None:
+    """Say where it is."""
     host = f"[{options.host}]" if ":" in options.host else options.host
     url = f"http://{host}:{options.port}"
     header = f'-H "Authorization: Bearer ${TOKEN}" ' if guarded else ""
     print(f"{url}  curl {header}--data-binary @part.geojson '{url}/mesh?edge_length=0.1'", flush=True)
-    # Ray has a handler of its own, which would tell of a failure.
-    signal.signal(signal.SIGTERM, _terminate)
-    while True:
-        signal.pause()

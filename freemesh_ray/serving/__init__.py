@@ -1,7 +1,8 @@
-"""Meshing over HTTP, on Ray Serve: polygons are posted, meshes answered.
+"""Meshing over HTTP: polygons are posted, meshes answered.
 
-    client -> Serve's proxy -> Ingress (HTTP, one) -> Mesher (as many as wanted) -> a worker process each
+    command -- watches --> server (HTTP; Ray's driver) --> Mesher (actors, as many as wanted) --> workers, in two lanes
 
-The ingress limits, checks and counts requests; it never touches a polygon. Whatever may take long, parsing included,
-happens in a worker process that the operating system ends when the time is up.
+The server limits, checks and counts connections and requests; it never touches a polygon. Whatever may take long,
+parsing included, happens in a worker that the operating system ends when its time or its memory is used up. Quick
+requests have workers of their own, so that costly ones never hold them up.
 """

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from envs.polygons.domain import domains_of
+from envs.polygons.mesh_size import expected_in_domain
 from envs.polygons.rings import as_ring
 from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError
 from freemesh_ray.mesher import MeshingError, mesh_domain
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES, encoded
+from freemesh_ray.serving.lanes import QUICK
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.parameters import Parameters
 from freemesh_ray.storage.atomic import OutputError
@@ -73,21 +75,29 @@ def refusal(status: int, line: str) -> Answer:
     return Answer(status, json.dumps({"error": short}).encode("ascii") + b"\n")
 
 
-def answer(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits) -> Answer:
+def answer(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits, lane: str) -> Answer | None:
     """Mesh what is asked for, or say why not.
 
     Args:
         request: unchecked but for its parameters.
         policies: by density.
-        limits: of which the number of vertices is checked here; who calls limits the time.
+        limits: of which the numbers of vertices and elements are checked here; who calls limits the time.
+        lane: of `lanes.LANES`.
+
+    Returns:
+        None for a request that is too costly for the quick lane.
     """
     began = time.perf_counter()
     wanted = request.parameters
     try:
         domain = domain_of(request, limits)
+        expected = expected_in_domain(domain)
+        check_elements(expected, limits)
+        if lane == QUICK and expected * wanted.best_of > limits.quick_elements:
+            return None
         made = mesh_domain(
             policies[wanted.density], domain, seed=wanted.seed, best_of=wanted.best_of, smooth=wanted.smooth,
-            clean=wanted.clean,
+            clean=wanted.clean, allow_large=True,
         )  # fmt: skip
         body = encoded(made.finished, wanted.format, time.perf_counter() - began)
     except Refused as refused:
@@ -110,8 +120,9 @@ def domain_of(request: MeshRequest, limits: Limits) -> Domain:
         raise DomainError(f"{NAME}: {len(polygons)} polygons where one is needed; send them one by one")
     check_vertices(least_vertices(polygons[0], wanted.edge_length), limits)
     (domain,) = domains_of(
-        polygons, NAME, NAME, fix_parity=wanted.fix_parity, edge_length=wanted.edge_length, grading=wanted.grading
-    )
+        polygons, NAME, NAME, fix_parity=wanted.fix_parity, edge_length=wanted.edge_length, grading=wanted.grading,
+        allow_large=True,
+    )  # fmt: skip
     check_vertices(len(domain.ring), limits)
     return domain
 
@@ -146,6 +157,20 @@ def check_vertices(count: int, limits: Limits) -> None:
             HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
             f"{NAME}: {count:,} boundary vertices or more, at most {limits.vertices:,} are meshed here; simplify it or "
             "use a larger edge_length",
+        )
+
+
+def check_elements(expected: float, limits: Limits) -> None:
+    """Refuse a mesh that would be too large.
+
+    Raises:
+        Refused: it is expected to have more elements than the limit.
+    """
+    if expected > limits.elements:
+        raise Refused(
+            HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+            f"{NAME}: a mesh of about {expected:,.0f} elements, at most {limits.elements:,} are made here; use a "
+            "larger edge_length",
         )
 
 

@@ -20,6 +20,7 @@ MESH = "/mesh"
 #: Why requests are turned away, by status.
 REASONS: dict[int, str] = {
     HTTPStatus.UNAUTHORIZED: "token",
+    HTTPStatus.FORBIDDEN: "host",
     HTTPStatus.REQUEST_TIMEOUT: "upload",
     HTTPStatus.REQUEST_ENTITY_TOO_LARGE: "size",
     HTTPStatus.SERVICE_UNAVAILABLE: "busy",
@@ -51,6 +52,7 @@ class Counters:
         self._elements = Counter("freemesh_elements", "quadrilaterals handed out", registry=self._registry)
         self._retries = Counter("freemesh_retries", "meshes begun anew because a mesher died", registry=self._registry)
         self._in_flight = Gauge("freemesh_in_flight", "requests for a mesh in the server", registry=self._registry)
+        self._cut = Counter("freemesh_cut", "connections cut off", ["reason"], registry=self._registry)
         for reason in REASONS.values():
             self._rejected.labels(reason)
 
@@ -76,6 +78,10 @@ class Counters:
     def retried(self) -> None:
         """A mesher died while it meshed."""
         self._retries.inc()
+
+    def cut(self, reason: str) -> None:
+        """A connection was cut off: one of few reasons."""
+        self._cut.labels(reason).inc()
 
     def page(self) -> tuple[bytes, str]:
         """All counters in Prometheus' text format, and its content type."""

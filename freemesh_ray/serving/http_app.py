@@ -7,9 +7,10 @@ import hashlib
 import hmac
 import json
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import asdict
 from http import HTTPStatus
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -18,11 +19,14 @@ from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from freemesh_ray.serving.answer import NAME, Answer, MeshRequest, Refused, refusal
+from freemesh_ray.serving.answer import NAME, Answer, MeshRequest, Refused
 from freemesh_ray.serving.counters import CLIENT_LEFT, MESH, Counters
+from freemesh_ray.serving.errors import error_response
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
+from freemesh_ray.serving.hosts import KnownHosts
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.parameters import ParameterError, parameters, value_types
+from freemesh_ray.serving.queue import Busy
 
 #: Paths that are counted by name.
 PATHS = ("/", MESH, "/health", "/metrics")
@@ -34,35 +38,33 @@ RETRY_AFTER = 1
 DIGITS = 15
 
 
-class Busy(Exception):
-    """There is no room for one more request."""
-
-
 def digest(token: str) -> bytes:
     """The SHA-256 of a token, which is all that is kept of it."""
     return hashlib.sha256(token.encode()).digest()
 
 
 def asgi_app(
-    mesh: Callable[[MeshRequest], Awaitable[Answer]],
-    running: Callable[[], Awaitable[int]],
+    mesh: Callable[[MeshRequest], Coroutine[Any, Any, Answer]],
+    able: Callable[[], int],
     *,
     densities: Sequence[str],
     limits: Limits,
     token: bytes | None,
     counters: Counters,
+    hosts: Sequence[str] = (),
 ) -> ASGIApp:
     """The ASGI application.
 
     Args:
         mesh: answers a request; raises `Busy`.
-        running: how many meshers can take one.
+        able: how many meshers can take one.
         densities: that ``mesh`` has policies for.
         limits: of a request.
         token: digest of the bearer token that all paths but ``/health`` ask for; None: none is asked for.
         counters: where requests are counted.
+        hosts: names that the server goes by beside those of this machine.
     """
-    endpoints = _Endpoints(mesh, running, densities, limits, counters)
+    endpoints = _Endpoints(mesh, able, densities, limits, counters)
     routes = [
         Route("/", endpoints.usage),
         Route(MESH, endpoints.mesh, methods=["POST"]),
@@ -73,7 +75,8 @@ def asgi_app(
         routes=routes, exception_handlers={HTTPException: _http_error, Refused: _refused, Exception: _mistake}
     )
     application.router.redirect_slashes = False
-    return _Counted(application if token is None else _Guarded(application, token), counters)
+    guarded = application if token is None else _Guarded(application, token)
+    return _Counted(_OneLength(KnownHosts(guarded, hosts)), counters)
 
 
 class _Endpoints:
@@ -81,26 +84,22 @@ class _Endpoints:
 
     def __init__(
         self,
-        mesh: Callable[[MeshRequest], Awaitable[Answer]],
-        running: Callable[[], Awaitable[int]],
+        mesh: Callable[[MeshRequest], Coroutine[Any, Any, Answer]],
+        able: Callable[[], int],
         densities: Sequence[str],
         limits: Limits,
         counters: Counters,
     ) -> None:
-        self._mesh, self._running, self._densities = mesh, running, densities
-        self._limits, self._counters, self._at_once = limits, counters, 0
+        self._mesh, self._able, self._densities = mesh, able, densities
+        self._limits, self._counters, self._uploads = limits, counters, 0
 
     async def mesh(self, request: Request) -> Response:
         """``POST /mesh``."""
         began = time.perf_counter()
-        if self._at_once >= self._limits.at_once:
-            raise _busy()
-        self._at_once += 1
         self._counters.began()
         try:
             return await self._meshed(request)
         finally:
-            self._at_once -= 1
             self._counters.ended(time.perf_counter() - began)
 
     async def _meshed(self, request: Request) -> Response:
@@ -110,7 +109,7 @@ class _Endpoints:
             raise Refused(HTTPStatus.BAD_REQUEST, str(error)) from None
         body = await self._body(request)
         try:
-            answer = await self._mesh(MeshRequest(body, wanted))
+            answer = await _unless_left(request, self._mesh(MeshRequest(body, wanted)))
         except Busy:
             raise _busy() from None
         headers = {}
@@ -118,6 +117,8 @@ class _Endpoints:
             self._counters.meshed(answer.elements)
             if wanted.format != JSON:
                 headers["Content-Disposition"] = f'attachment; filename="{NAME}.{wanted.format}"'
+        if answer.status == HTTPStatus.SERVICE_UNAVAILABLE:
+            headers["Retry-After"] = str(RETRY_AFTER)
         return Response(answer.body, answer.status, headers, answer.media_type)
 
     async def _body(self, request: Request) -> bytes:
@@ -134,25 +135,31 @@ class _Endpoints:
         declared = request.headers.get("content-length", "")
         if declared.isdecimal() and (len(declared) > DIGITS or int(declared) > most):
             raise too_large
-        body = bytearray()
+        body, large = bytearray(), False
         try:
             async with asyncio.timeout(self._limits.upload_seconds):
                 async for chunk in request.stream():
                     body += chunk
                     if len(body) > most:
                         raise too_large
+                    if len(body) > self._limits.quick_bytes and not large:
+                        if self._uploads >= self._limits.uploads:
+                            raise _busy()
+                        self._uploads, large = self._uploads + 1, True
         except TimeoutError:
             line = f"body: not here after {self._limits.upload_seconds:g} s; send it at once"
             raise Refused(HTTPStatus.REQUEST_TIMEOUT, line) from None
         except ClientDisconnect:
             raise Refused(CLIENT_LEFT, "body: cut off") from None
+        finally:
+            self._uploads -= large
         return bytes(body)
 
     async def health(self, request: Request) -> Response:
         """``GET /health``: 200 when a mesh can be made."""
-        running = await self._running()
-        status = HTTPStatus.OK if running else HTTPStatus.SERVICE_UNAVAILABLE
-        return _json({"status": "ok" if running else "no mesher is running", "meshers": running}, status)
+        able = self._able()
+        status = HTTPStatus.OK if able else HTTPStatus.SERVICE_UNAVAILABLE
+        return _json({"status": "ok" if able else "no mesher is running", "meshers": able}, status)
 
     async def metrics(self, request: Request) -> Response:
         """``GET /metrics``."""
@@ -185,13 +192,29 @@ class _Guarded:
             # Digests have one length, and are compared in one time.
             if not hmac.compare_digest(digest(given.strip()), self._token) or scheme.lower() != "bearer":
                 line = "token: missing or wrong; send the header Authorization: Bearer TOKEN"
-                await _error(HTTPStatus.UNAUTHORIZED, line, {"WWW-Authenticate": "Bearer"})(scope, receive, send)
+                unknown = error_response(HTTPStatus.UNAUTHORIZED, line, {"WWW-Authenticate": "Bearer"})
+                await unknown(scope, receive, send)
                 return
         await self._application(scope, receive, send)
 
 
+class _OneLength:
+    """Refuses a request that tells two lengths of its body: a proxy before this server may believe the other one."""
+
+    def __init__(self, application: ASGIApp) -> None:
+        self._application = application
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        names = {name for name, _ in scope["headers"]} if scope["type"] == "http" else set()
+        if {b"content-length", b"transfer-encoding"} <= names:
+            line = "body: Content-Length and Transfer-Encoding; send one of them"
+            await error_response(HTTPStatus.BAD_REQUEST, line, {"Connection": "close"})(scope, receive, send)
+        else:
+            await self._application(scope, receive, send)
+
+
 class _Counted:
-    """Counts what is answered."""
+    """Counts what is answered; what is cancelled because the server ends is answered, too."""
 
     def __init__(self, application: ASGIApp, counters: Counters) -> None:
         self._application, self._counters = application, counters
@@ -210,8 +233,29 @@ class _Counted:
 
         try:
             await self._application(scope, receive, told)
+        except asyncio.CancelledError:
+            if status == CLIENT_LEFT:
+                ending = error_response(HTTPStatus.SERVICE_UNAVAILABLE, "the service ends; try another one", {})
+                await ending(scope, receive, told)
         finally:
             self._counters.answered(scope["path"] if scope["path"] in PATHS else "other", status)
+
+
+async def _unless_left(request: Request, work: Coroutine[Any, Any, Answer]) -> Answer:
+    """What the work gives, unless the client leaves first.
+
+    Raises:
+        Refused: it did.
+    """
+    working, leaving = asyncio.ensure_future(work), asyncio.ensure_future(request.receive())
+    try:
+        await asyncio.wait({working, leaving}, return_when=asyncio.FIRST_COMPLETED)
+        if not working.done():
+            raise Refused(CLIENT_LEFT, "cut off")
+        return working.result()
+    finally:
+        leaving.cancel()
+        working.cancel()
 
 
 def _busy() -> HTTPException:
@@ -223,7 +267,7 @@ async def _refused(request: Request, refused: Exception) -> Response:
     """What is wrong with a request; where its body was not read to the end, the connection is of no more use."""
     assert isinstance(refused, Refused)
     unread = refused.status in (HTTPStatus.REQUEST_ENTITY_TOO_LARGE, HTTPStatus.REQUEST_TIMEOUT)
-    return _error(refused.status, str(refused), {"Connection": "close"} if unread else {})
+    return error_response(refused.status, str(refused), {"Connection": "close"} if unread else {})
 
 
 async def _http_error(request: Request, error: Exception) -> Response:
@@ -235,17 +279,12 @@ async def _http_error(request: Request, error: Exception) -> Response:
     elif error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
         allowed = ", ".join(sorted(headers.get("Allow", "").split(", ")))
         line = f"method {request.method}: not for this path; use {allowed}"
-    return _error(error.status_code, line, headers)
+    return error_response(error.status_code, line, headers)
 
 
 async def _mistake(request: Request, error: Exception) -> Response:
     """A mistake of ours: the log has it."""
-    return _error(HTTPStatus.INTERNAL_SERVER_ERROR, "the server made a mistake; its log says which", {})
-
-
-def _error(status: int, line: str, headers: dict[str, str]) -> Response:
-    answer = refusal(status, line)
-    return Response(answer.body, status, headers, answer.media_type)
+    return error_response(HTTPStatus.INTERNAL_SERVER_ERROR, "the server made a mistake; its log says which", {})
 
 
 def _json(value: object, status: int) -> Response:

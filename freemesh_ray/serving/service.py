@@ -1,25 +1,28 @@
-"""Starting and stopping the service, on a Ray of its own or on the one that RAY_ADDRESS names."""
+"""Starting and stopping the service, and watching over it."""
 
 from __future__ import annotations
 
-import logging
 import os
+import signal
 import socket
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from ipaddress import ip_address
+from multiprocessing import Pipe
 
-from envs.errors import UserError
-from freemesh_ray.local_ray import local_ray
 from freemesh_ray.policies.policy import Policy
+from freemesh_ray.serving import session_processes
 from freemesh_ray.serving.limits import Limits
+from freemesh_ray.serving.order import Order, ServiceEnded, ServiceError
 
-#: What Serve calls the application.
-NAME = "freemesh"
+#: Seconds between two looks at the service's processes, and without a sign of life after which it is given up.
+LOOK, SILENT = 1.0, 8.0
 
-
-class ServiceError(UserError, RuntimeError):
-    """A service that cannot be started; one line with what is wrong and the fix."""
+#: Seconds that the service may take to end; what is left of it then is killed.
+ENDING = 8.5
 
 
 def is_loopback(host: str) -> bool:
@@ -38,7 +41,7 @@ def check_free(host: str, port: int) -> None:
     """
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
-        # As Serve does: what has just been closed is free.
+        # As the server does: what has just been closed is free.
         with socket.socket(family, socket.SOCK_STREAM) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
@@ -46,6 +49,81 @@ def check_free(host: str, port: int) -> None:
         raise ServiceError(
             f"{host}:{port}: cannot be listened on ({error.strerror}): choose another --host or --port"
         ) from None
+
+
+class Service:
+    """A service that runs in processes of its own."""
+
+    def __init__(self, order: Order) -> None:
+        """Start it and wait until it serves.
+
+        Args:
+            order: what to serve, and where.
+
+        Raises:
+            UserError: it does not start.
+        """
+        self._connection, theirs = Pipe()
+        with theirs:
+            # In a session of its own: signals of the terminal reach it through this process alone.
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "freemesh_ray.serving.server", str(theirs.fileno())],
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                stdin=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
+        try:
+            self._connection.send(order)
+            self._next()
+        except BaseException:
+            self.end()
+            raise
+
+    def wait(self) -> None:
+        """Watch over it for as long as it serves: stopped processes are woken.
+
+        Raises:
+            ServiceEnded: it serves no more, in one line; what was left of it is killed.
+        """
+        heard = time.monotonic()
+        try:
+            while True:
+                if self._connection.poll(LOOK):
+                    self._next()
+                    heard = time.monotonic()
+                session_processes.wake_stopped(self._process.pid)
+                if time.monotonic() - heard > SILENT:
+                    raise ServiceEnded(f"the service gave no sign of life for {SILENT:g} s: start it again")
+        except ServiceEnded:
+            self._kill()
+            raise
+
+    def end(self) -> None:
+        """End it: what is being meshed is finished, unless that takes too long."""
+        session_processes.wake_stopped(self._process.pid)
+        self._process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(ENDING)
+        self._kill()
+
+    def _next(self) -> None:
+        try:
+            told = self._connection.recv()
+        except (EOFError, OSError):
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(1.0)
+            self._kill()
+            raise ServiceEnded(f"the service's process ended with {self._process.returncode}: start it again") from None
+        if isinstance(told, Exception):
+            raise told
+
+    def _kill(self) -> None:
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        session_processes.end(self._process.pid)
+        self._process.wait()
+        self._connection.close()
 
 
 @contextmanager
@@ -57,46 +135,24 @@ def running_service(
     port: int = 8000,
     replicas: int = 1,
     token: bytes | None = None,
-) -> Iterator[None]:
-    """A service that answers while the block runs.
+    hosts: Sequence[str] = (),
+) -> Iterator[Service]:
+    """A service that answers while the block runs, on a Ray of its own or on the one that RAY_ADDRESS names.
 
     Args:
         policies: by density.
         limits: of a request.
         host, port: to listen on.
-        replicas: polygons that are meshed at a time.
+        replicas: meshers.
         token: digest of the bearer token that is asked for, or None.
+        hosts: names that the server goes by beside ``host`` and those of this machine.
 
     Raises:
-        ServiceError: the port is taken, the cluster serves something already, or the meshers do not start.
+        UserError: the port is taken, or the meshers do not start.
     """
-    own = not os.environ.get("RAY_ADDRESS")
-    if own:
-        check_free(host, port)
-    os.environ.setdefault("RAY_SERVE_LOG_TO_STDERR", "0")
-    with local_ray(replicas):
-        from ray import serve
-        from ray.exceptions import RayError
-        from ray.serve.exceptions import RayServeException
-        from ray.serve.schema import LoggingConfig
-
-        from freemesh_ray.serving.deployment import application
-
-        if not own and serve.status().proxies:
-            raise ServiceError("the cluster of RAY_ADDRESS serves something already: stop that, or use another one")
-        quiet = LoggingConfig(log_level="ERROR", enable_access_log=False)
-        logging.getLogger("ray.serve").setLevel(logging.ERROR)
-        try:
-            try:
-                serve.start(proxy_location="HeadOnly", http_options={"host": host, "port": port}, logging_config=quiet)
-                app = application(policies, limits, replicas=replicas, token=token, loopback=own)
-                serve.run(app, name=NAME, logging_config=quiet)
-            except (RuntimeError, RayServeException, RayError) as error:
-                line = str(error).partition("\n")[0]
-                raise ServiceError(f"the service did not start ({line}): Ray's logs say why") from error
-            yield
-        finally:
-            # What is being meshed is finished. A Ray of our own takes Serve along when it ends.
-            serve.delete(NAME)
-            if not own:
-                serve.shutdown()
+    check_free(host, port)
+    service = Service(Order(dict(policies), limits, host, port, replicas, token, (host, *hosts)))
+    try:
+        yield service
+    finally:
+        service.end()

@@ -1,18 +1,20 @@
-"""The supervisor of a worker process: starts it, hands it requests, starts another when it is gone."""
+"""The supervisor of a worker: hands it requests, and goes on with the next one when it is gone."""
 
 from __future__ import annotations
 
 import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Mapping
 from http import HTTPStatus
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
+from freemesh_ray.serving.lanes import QUICK
 from freemesh_ray.serving.limits import Limits
 
 #: Workers that may die over one request before it is given up: one may have been killed by somebody else.
@@ -24,29 +26,35 @@ class WorkerError(RuntimeError):
 
 
 class Supervisor:
-    """Keeps one worker process; to be used by one thread."""
+    """Has one worker at a time; to be used by one thread.
 
-    def __init__(self, policies: Mapping[str, Policy], limits: Limits) -> None:
+    The process that it starts forks the workers, so that the next one is there in no time (see `worker`).
+    """
+
+    def __init__(self, policies: Mapping[str, Policy], limits: Limits, lane: str) -> None:
         """Describe the worker.
 
         Args:
             policies: by density.
             limits: of a request.
+            lane: of `lanes.LANES`.
         """
-        self._policies, self._limits = dict(policies), limits
+        self._policies, self._limits, self._lane = dict(policies), limits, lane
         self._process: subprocess.Popen[bytes] | None = None
+        self._control: socket.socket | None = None
         self._connection: Connection | None = None
+        self._last_status = 0
 
     def start(self) -> None:
-        """Start a worker, if there is none, and wait until its kernels are compiled.
+        """Start the processes, if there are none, and wait until kernels are compiled.
 
         Raises:
-            WorkerError: it ends before.
+            WorkerError: they end before.
         """
-        if self._process is not None and self._process.poll() is None:
+        if self.alive():
             return
         self.stop()
-        self._connection, theirs = Pipe()
+        self._control, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "freemesh_ray.serving.worker", str(theirs.fileno())],
@@ -56,42 +64,82 @@ class Supervisor:
                 pass_fds=[theirs.fileno()],
             )
         try:
-            self._connection.send((self._policies, self._limits))
-            self._connection.recv()
+            with Connection(os.dup(self._control.fileno())) as once:
+                once.send((self._policies, self._limits, self._lane))
+            self._next()
         except (EOFError, OSError):
-            raise WorkerError(f"a worker process ended with {self._end()} before it was ready") from None
+            raise WorkerError(f"a worker process ended with {self._process.wait()} before it was ready") from None
 
-    def answer(self, request: MeshRequest) -> Answer:
-        """The worker's answer; 500 when worker after worker dies over the request, 504 when its time is up.
+    def alive(self) -> bool:
+        """Whether the process that forks the workers is there."""
+        return self._process is not None and self._process.poll() is None
+
+    def answer(self, request: MeshRequest) -> Answer | None:
+        """The worker's answer; None for a request that is too costly for the quick lane.
+
+        A request's time being up is 504, workers that die over it one after another are 503 when they were killed,
+        and 500 when they crashed.
 
         Raises:
             WorkerError: no worker can be started.
         """
         for _ in range(TRIES):
             self.start()
-            assert self._connection is not None
             try:
+                self._newest()
+                assert self._connection is not None
                 self._connection.send(request)
                 return self._connection.recv()
             except (EOFError, OSError):
-                if self._end() == -signal.SIGALRM:
-                    return refusal(
-                        HTTPStatus.GATEWAY_TIMEOUT,
-                        f"not meshed within {self._limits.seconds:g} s; use a larger edge_length, a simpler polygon or "
-                        "best_of=1",
-                    )
+                pass
+            try:
+                self._next()
+            except (EOFError, OSError):
+                self.stop()
+                continue
+            if self._last_status == -signal.SIGALRM:
+                if self._lane == QUICK and self._limits.quick_seconds < self._limits.seconds:
+                    return None
+                return refusal(
+                    HTTPStatus.GATEWAY_TIMEOUT,
+                    f"not meshed within {self._limits.seconds:g} s; use a larger edge_length, a simpler polygon or "
+                    "best_of=1",
+                )
+        if self._last_status == -signal.SIGKILL:
+            return refusal(
+                HTTPStatus.SERVICE_UNAVAILABLE,
+                "the mesher was killed twice over this polygon, which the system does when memory runs out; use a "
+                "larger edge_length, or try again",
+            )
         return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "this polygon takes the mesher down; change it a little")
 
     def stop(self) -> None:
-        """End the worker, if there is one."""
+        """End the processes, if there are any."""
+        for end in (self._connection, self._control):
+            if end is not None:
+                end.close()
         if self._process is not None:
             self._process.kill()
-            self._end()
+            self._process.wait()
+        self._process = self._control = self._connection = None
+
+    def _next(self) -> None:
+        """Take the connection of the next worker, when there is one.
+
+        Raises:
+            EOFError: the process that forks them is gone.
+        """
+        assert self._control is not None
+        told, descriptors, _, _ = socket.recv_fds(self._control, 4, 1)
+        if not descriptors:
+            raise EOFError
         if self._connection is not None:
             self._connection.close()
-        self._process = self._connection = None
+        self._connection = Connection(descriptors[0])
+        self._last_status = int.from_bytes(told, "big", signed=True)
 
-    def _end(self) -> int:
-        """The exit status of the worker, which has closed its connection or was killed."""
-        assert self._process is not None
-        return self._process.wait()
+    def _newest(self) -> None:
+        """Take the connection of the newest worker: others may have ended since the last request."""
+        assert self._control is not None
+        while select.select([self._control], [], [], 0.0)[0]:
+            self._next()

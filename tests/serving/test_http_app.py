@@ -24,9 +24,11 @@ from freemesh_ray.cli.serve import TOKEN
 from freemesh_ray.serving import service
 from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
 from freemesh_ray.serving.counters import Counters
-from freemesh_ray.serving.http_app import Busy, asgi_app, digest
+from freemesh_ray.serving.http_app import asgi_app, digest
+from freemesh_ray.serving.lanes import QUICK
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.parameters import ParameterError, Parameters, parameters, value_types
+from freemesh_ray.serving.queue import Busy
 from freemesh_ray.serving.supervisor import Supervisor, WorkerError
 
 LIMITS = Limits(upload_seconds=0.05, body_bytes=100)
@@ -40,13 +42,11 @@ def ask(
     method: str = "POST",
     meshers: int = 1,
     headers: list[tuple[bytes, bytes]] | None = None,
+    guarded: bool = False,
 ) -> tuple[int, dict[str, str], bytes, Counters]:
     """Status, headers, body and counters after one request whose body's chunks come, but no end if there are none."""
     counters, sent = Counters(), []
     waiting = list(chunks or [])
-
-    async def running() -> int:
-        return meshers
 
     async def receive() -> dict[str, Any]:
         if not waiting:
@@ -56,10 +56,12 @@ def ask(
     async def send(message: Any) -> None:
         sent.append(message)
 
-    scope = {"type": "http", "method": method, "path": path, "query_string": b"", "headers": headers or []}
+    scope = {"type": "http", "method": method, "path": path, "query_string": b"", "headers": headers or [],
+             "server": ("10.1.2.3", 8000)}  # fmt: skip
     app = asgi_app(
-        mesh, running, densities=["medium"], limits=LIMITS, token=digest("key") if headers else None, counters=counters
-    )
+        mesh, lambda: meshers, densities=["medium"], limits=LIMITS, token=digest("key") if guarded else None,
+        counters=counters, hosts=["mesh.example.org"],
+    )  # fmt: skip
     asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
     start, *rest = sent
     told = {name.decode(): value.decode() for name, value in start["headers"]}
@@ -105,9 +107,85 @@ def test_no_mesher_runs() -> None:
 
 
 def test_the_token() -> None:
-    assert ask(fine, [b""], headers=[(b"authorization", b"bearer key")])[0] == 200
-    assert ask(fine, [b""], headers=[(b"authorization", b"Bearer key2")])[0] == 401
-    assert ask(fine, [b""], headers=[(b"authorization", b"key")])[0] == 401
+    for sent, status in ((b"bearer key", 200), (b"Bearer key2", 401), (b"key", 401)):
+        assert ask(fine, [b""], headers=[(b"authorization", sent)], guarded=True)[0] == status
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [(b"localhost", 200), (b"LOCALHOST.:80", 200), (b"127.0.0.1:8000", 200), (b"[::1]:8000", 200), (b"10.1.2.3:1", 200),
+     (b"Mesh.Example.org", 200), (b"evil.example", 403), (b"localhost.evil.example", 403), (b"127.0.0.2", 403),
+     (b"", 403), (b"[::1", 403), (b"localhost:80:80", 403), (b"localhost@evil.example", 403), (b"\xff", 403),
+     (b"10.1.2.3.nip.io", 403)],
+)  # fmt: skip
+@pytest.mark.parametrize("path", ["/mesh", "/health"])
+def test_the_host_that_is_asked_for(host: bytes, status: int, path: str) -> None:
+    method = "POST" if path == "/mesh" else "GET"
+    assert ask(fine, [b""], path=path, method=method, headers=[(b"host", host)])[0] == status
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [(b"http://localhost:8000", 200), (b"https://localhost:8000", 200), (b"https://mesh.example.org", 200),
+     (b"http://localhost:9000", 403), (b"http://localhost", 403), (b"http://evil.example", 403), (b"null", 403),
+     (b"", 403), (b"http://", 403), (b"\xff", 403)],
+)  # fmt: skip
+def test_the_page_that_asks(origin: bytes, status: int) -> None:
+    assert ask(fine, [b""], headers=[(b"host", b"localhost:8000"), (b"origin", origin)])[0] == status
+
+
+def test_a_wrong_host_is_refused_before_the_token_is_looked_at() -> None:
+    headers = [(b"host", b"evil.example"), (b"authorization", b"Bearer key2")]
+    assert ask(fine, [b""], headers=headers, guarded=True)[0] == 403
+
+
+def test_a_client_that_leaves_is_no_longer_waited_for() -> None:
+    async def never(request: MeshRequest) -> Answer:
+        await asyncio.sleep(60)
+        raise AssertionError
+
+    messages = [{"type": "http.request", "body": b"{}", "more_body": False}, {"type": "http.disconnect"}]
+    counters = Counters()
+
+    async def receive() -> dict[str, Any]:
+        return messages.pop(0)
+
+    async def send(message: Any) -> None:
+        pass
+
+    app = asgi_app(never, lambda: 1, densities=["medium"], limits=LIMITS, token=None, counters=counters)
+    scope = {"type": "http", "method": "POST", "path": "/mesh", "query_string": b"", "headers": []}
+    asyncio.run(asyncio.wait_for(app(scope, receive, send), 10))  # type: ignore[arg-type]
+    assert b'freemesh_requests_total{path="/mesh",status="499"} 1.0' in counters.page()[0]
+
+
+def test_large_bodies_on_their_way_leave_room_for_small_ones() -> None:
+    limits = Limits(quick_bytes=10, uploads=2, upload_seconds=1.0)
+    app = asgi_app(fine, lambda: 1, densities=["medium"], limits=limits, token=None, counters=Counters())
+
+    async def post(*chunks: bytes, ends: bool = True) -> int:
+        waiting, sent = list(chunks), []
+
+        async def receive() -> dict[str, Any]:
+            if not waiting:
+                await asyncio.sleep(60)
+            return {"type": "http.request", "body": waiting.pop(0), "more_body": bool(waiting) or not ends}
+
+        async def send(message: Any) -> None:
+            sent.append(message)
+
+        scope = {"type": "http", "method": "POST", "path": "/mesh", "query_string": b"", "headers": []}
+        await app(scope, receive, send)  # type: ignore[arg-type]
+        return sent[0]["status"]
+
+    async def all_of_them() -> list[int]:
+        slow = [asyncio.create_task(post(b"x" * 11, ends=False)) for _ in range(2)]
+        await asyncio.sleep(0)
+        small, large = await post(b"x" * 10), await post(b"x" * 11)
+        first, second = await asyncio.gather(*slow)
+        return [small, large, first, second, await post(b"x" * 11)]
+
+    assert asyncio.run(all_of_them()) == [200, 503, 408, 408, 200]
 
 
 def test_only_requests_for_a_mesh_count_as_turned_away() -> None:
@@ -131,10 +209,7 @@ def test_a_mistake_is_told_to_the_log_alone() -> None:
     async def receive() -> dict[str, Any]:
         return {"type": "http.request", "body": b"", "more_body": False}
 
-    async def running() -> int:
-        return 1
-
-    app = asgi_app(mistaken, running, densities=["medium"], limits=LIMITS, token=None, counters=Counters())
+    app = asgi_app(mistaken, lambda: 1, densities=["medium"], limits=LIMITS, token=None, counters=Counters())
     scope = {"type": "http", "method": "POST", "path": "/mesh", "query_string": b"", "headers": []}
     with pytest.raises(ZeroDivisionError):
         asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
@@ -184,7 +259,7 @@ def test_long_lines_keep_both_ends() -> None:
 
 
 def test_a_worker_that_cannot_start_is_an_error() -> None:
-    supervisor = Supervisor({"medium": "no policy"}, Limits())  # type: ignore[dict-item]
+    supervisor = Supervisor({"medium": "no policy"}, Limits(), QUICK)  # type: ignore[dict-item]
     with pytest.raises(WorkerError, match="before it was ready"):
         supervisor.start()
     supervisor.stop()
@@ -192,24 +267,26 @@ def test_a_worker_that_cannot_start_is_an_error() -> None:
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
 def test_signals_stop_the_command(number: int, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(service, "running_service", lambda *_, **__: nullcontext())
-    monkeypatch.delenv(TOKEN, raising=False)
-    handled = threading.Event()
+    before, waits = signal.getsignal(signal.SIGTERM), threading.Event()
+
+    class Started:
+        def wait(self) -> None:
+            waits.set()
+            threading.Event().wait(60)
 
     def send() -> None:
-        # Until the command waits, which its handler tells.
-        while signal.getsignal(signal.SIGTERM) is before:
-            handled.wait(0.01)
+        assert waits.wait(60)
         os.kill(os.getpid(), number)
 
+    monkeypatch.setattr(service, "running_service", lambda *_, **__: nullcontext(Started()))
+    monkeypatch.delenv(TOKEN, raising=False)
     sender = threading.Thread(target=send)
     sender.start()
     try:
         assert command.main(["serve"]) == code
     finally:
         sender.join()
-        signal.signal(signal.SIGTERM, before)
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:

@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from listening import family, listeners, named
 from processes import Server, free_port
 from prometheus_client.parser import text_string_to_metric_families
+from worker_processes import forking, workers
 
 import freemesh_ray
 from envs.mesh import Mesh
@@ -33,6 +34,7 @@ pytestmark = pytest.mark.slow
 
 TOKEN = "a secret"
 BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 4.0, 2
+ELEMENTS = 240_000
 #: What the load asks for: some 4,000 elements, 0.1 s on a quiet core.
 HEAVY = {"edge_length": 0.055}
 #: More work than fits into the time limit: eight meshes of a quarter million elements.
@@ -120,6 +122,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     folder, port = tmp_path_factory.mktemp("serving"), free_port()
     arguments = ["-m", "freemesh_ray", "serve", "--port", str(port), "--replicas", str(REPLICAS)]
     limits = ["--max-body-mb", str(BODY_BYTES / 1e6), "--max-vertices", str(VERTICES), "--max-seconds", str(SECONDS)]
+    limits += ["--max-elements", str(ELEMENTS)]
     server = Server([*arguments, *limits], port, "/health", folder / "log", FREEMESH_SERVE_TOKEN=TOKEN)
     with server:
         client = Client(server)
@@ -266,7 +269,7 @@ def test_without_the_token(client: Client, headers: dict[str, str]) -> None:
 
 def request_lines(*headers: str) -> bytes:
     """The head of a request for a mesh."""
-    lines = ["POST /mesh HTTP/1.1", "Host: here", f"Authorization: Bearer {TOKEN}", *headers, "", ""]
+    lines = ["POST /mesh HTTP/1.1", "Host: localhost", f"Authorization: Bearer {TOKEN}", *headers, "", ""]
     return "\r\n".join(lines).encode()
 
 
@@ -319,14 +322,14 @@ def test_too_many_given_vertices(client: Client) -> None:
 
 
 def test_what_takes_too_long_is_ended(client: Client) -> None:
-    workers = named(client.server.pid, "serving.worker")
-    assert len(workers) == REPLICAS
+    before = workers(client.server.pid, quick=False)
+    assert len(before) == REPLICAS
     status, line = client.refused(SHEET, **ENDLESS)
     assert status == 504
     assert f"within {SECONDS:g} s" in line
-    assert len(set(workers) & set(named(client.server.pid, "serving.worker"))) == REPLICAS - 1
-    assert client.mesh(SHEET, edge_length=0.5)[0] == 200
-    until(lambda: len(named(client.server.pid, "serving.worker")) == REPLICAS)
+    assert len(set(before) & set(workers(client.server.pid, quick=False))) == REPLICAS - 1
+    until(lambda: len(workers(client.server.pid, quick=False)) == REPLICAS)
+    assert client.mesh(SHEET, **HEAVY, best_of=2)[0] == 200
 
 
 SPLINTERS = st.sampled_from(
@@ -383,37 +386,48 @@ def test_only_this_machine_is_listened_to(client: Client) -> None:
     assert outside == []
 
 
-def test_more_uploads_than_there_is_room_for(client: Client) -> None:
-    at_once = Limits().at_once
+def test_more_large_uploads_than_there_is_room_for(client: Client) -> None:
+    begun = request_lines("Content-Length: 99000") + b" " * 70_000
     with ExitStack() as open_ones:
-        for _ in range(at_once):
+        for _ in range(Limits().uploads):
             connection = open_ones.enter_context(socket.create_connection(("127.0.0.1", client.port)))
-            connection.sendall(request_lines("Content-Length: 1000") + b"{")
-        until(lambda: client.counts()["freemesh_in_flight"] == at_once)
-        status, body, headers = client.mesh(SHEET, edge_length=1)
+            connection.sendall(begun)
+        until(lambda: client.mesh(b" " * 70_000)[0] == 503)
+        status, body, headers = client.mesh(b" " * 70_000)
         assert (status, headers["Retry-After"]) == (503, "1")
         assert "try again" in line_of(body)
-    until(lambda: client.counts()["freemesh_in_flight"] == 0)
-    assert client.mesh(SHEET, edge_length=1)[0] == 200
+        assert client.mesh(SHEET, edge_length=1)[0] == 200
+    until(lambda: client.mesh(b" " * 70_000)[0] == 400)
 
 
-def test_more_polygons_than_may_wait(client: Client) -> None:
+def test_more_costly_polygons_than_may_wait(client: Client) -> None:
     body = json.dumps(SHEET).encode()
     head = request_lines(f"Content-Length: {len(body)}").replace(b"/mesh", f"/mesh?{urlencode(ENDLESS)}".encode())
     before = client.counts()["freemesh_rejected_total busy"]
     with ExitStack() as open_ones:
-        for _ in range(Limits().at_once):
+        for _ in range(Limits().waiting + REPLICAS + 8):
             connection = open_ones.enter_context(socket.create_connection(("127.0.0.1", client.port)))
             connection.sendall(head + body)
         until(lambda: client.counts()["freemesh_rejected_total busy"] > before)
-        status, _, headers = client.mesh(SHEET, edge_length=1)
-        assert (status, headers["Retry-After"]) == (503, "1")
+        status, line = client.refused(SHEET, **ENDLESS)
+        assert (status, "try again" in line) == (503, True)
+        # Quick ones wait for none of them.
+        for _ in range(20):
+            assert client.mesh(SHEET, edge_length=1)[0] == 200
     # Those that waited left with their clients.
-    until(lambda: client.mesh(SHEET, edge_length=1)[0] == 200)
+    until(lambda: client.counts()["freemesh_in_flight"] == 0)
 
 
-@pytest.mark.parametrize("killed", ["ServeReplica:freemesh:Mesher", "serving.worker"])
+def test_a_mesh_too_large(client: Client) -> None:
+    square = {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]]}
+    status, line = client.refused(square, edge_length=0.00202)
+    assert status == 413
+    assert f"elements, at most {ELEMENTS:,} are made here" in line
+
+
+@pytest.mark.parametrize("killed", ["ray::Mesher", "forking", "working"])
 def test_a_kill_under_load_costs_no_answer(client: Client, killed: str) -> None:
+    found = {"forking": forking, "working": workers}.get(killed, lambda pid: named(pid, killed))
     pid, answers, enough = client.server.pid, [], threading.Event()
     quads = json.loads(client.mesh(SHEET, **HEAVY)[1])["quads"]
 
@@ -426,12 +440,12 @@ def test_a_kill_under_load_costs_no_answer(client: Client, killed: str) -> None:
         thread.start()
     try:
         until(lambda: len(answers) > 4)
-        victim = named(pid, killed)[0]
+        victim = found(pid)[0]
         orphans = family(victim)[1:]
         os.kill(victim, signal.SIGKILL)
         asked = len(answers)
         until(lambda: len(answers) > asked + 8)
-        until(lambda: len(named(pid, killed)) == REPLICAS and victim not in named(pid, killed))
+        until(lambda: len(found(pid)) == REPLICAS and victim not in found(pid))
         until(lambda: not any(Path(f"/proc/{orphan}").exists() for orphan in orphans))
     finally:
         enough.set()

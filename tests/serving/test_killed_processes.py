@@ -1,0 +1,206 @@
+"""Every process of a service is killed and stopped: it serves again soon, or ends with one line; nothing is left."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from listening import named
+from processes import Server, free_port
+from worker_processes import forking, workers
+
+from freemesh_ray.serving import session_processes
+
+pytestmark = pytest.mark.slow
+
+#: Seconds until it serves again, until it has ended, and for how long /health may say that it can mesh when it cannot.
+AGAIN, ENDED, WRONG = 15.0, 10.0, 2.0
+
+#: By how much all of these are too short for two cores on which other tests run.
+PATIENCE = float(os.environ.get("FREEMESH_PATIENCE", "2"))
+
+SHEET = b'{"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]]}'
+
+
+def command(service: Server) -> int:
+    return service.pid
+
+
+def server(service: Server) -> int:
+    return named(service.pid, "serving.server")[0]
+
+
+def first(part: str) -> Callable[[Server], int]:
+    return lambda service: named(service.pid, part)[0]
+
+
+#: How each process is found.
+PROCESSES: dict[str, Callable[[Server], int]] = {
+    "command": command,
+    "server": server,
+    "GCS": first("gcs_server"),
+    "raylet": first("raylet/raylet"),
+    "autoscaler": first("autoscaler/_private/monitor"),
+    "dashboard": first("dashboard/dashboard"),
+    "log monitor": first("log_monitor"),
+    "dashboard agent": first("ray::DashboardAgent"),
+    "environment agent": first("ray::RuntimeEnvAgent"),
+    "mesher": first("ray::Mesher"),
+    "forking process": lambda service: forking(service.pid)[0],
+    "worker": lambda service: workers(service.pid)[0],
+}
+
+#: Those without which the service ends when they are killed.
+VITAL = ("command", "server", "GCS", "raylet", "dashboard agent", "environment agent")
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[Server]:
+    """A service that has said where it is."""
+    port = free_port()
+    with Server(["-m", "freemesh_ray", "serve", "--port", str(port)], port, "/health", folder / "log") as one:
+        session = server(one)
+        try:
+            until(lambda: bool(one.log.read_text()), 10.0)
+            yield one
+        finally:
+            session_processes.end(session)
+
+
+def asked(service: Server, method: str, path: str, body: bytes | None, seconds: float) -> int:
+    """The status of an answer; 0 without one."""
+    connection = http.client.HTTPConnection("127.0.0.1", int(service.url.rpartition(":")[2]), timeout=seconds)
+    try:
+        connection.request(method, path, body)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+    except (OSError, http.client.HTTPException):
+        return 0
+    finally:
+        connection.close()
+
+
+def meshes(service: Server, seconds: float = 2.0) -> bool:
+    return asked(service, "POST", "/mesh?edge_length=1", SHEET, seconds) == 200
+
+
+class Probe(threading.Thread):
+    """Asks for the health, and at once for a mesh, again and again; knows for how long they disagreed."""
+
+    def __init__(self, service: Server) -> None:
+        super().__init__(daemon=True)
+        self.wrong, self.served = 0.0, 0.0
+        self._service, self._enough = service, threading.Event()
+
+    def run(self) -> None:
+        since = None
+        while not self._enough.wait(0.05):
+            began = time.monotonic()
+            healthy = asked(self._service, "GET", "/health", None, 1.0) == 200
+            if meshes(self._service, 0.5 * PATIENCE):
+                self.served = time.monotonic()
+                since = None
+            elif not healthy:
+                since = None
+            else:
+                since = began if since is None else since
+                self.wrong = max(self.wrong, began - since)
+
+    def __enter__(self) -> Probe:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._enough.set()
+        self.join(30.0)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """One service for all that it survives."""
+    with started(tmp_path_factory.mktemp("survives")) as one:
+        yield one
+        session = server(one)
+        assert one.stop(ENDED * PATIENCE) == 0, one.log.read_text()
+        assert list(session_processes.members(session)) == []
+        assert one.log.read_text().count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("process", "number"),
+    [(name, signal.SIGSTOP) for name in PROCESSES]
+    + [(name, signal.SIGKILL) for name in PROCESSES if name not in VITAL],
+    ids=str,
+)
+def test_it_serves_again(service: Server, process: str, number: signal.Signals) -> None:
+    assert meshes(service, 30.0)
+    victim = PROCESSES[process](service)
+    with Probe(service) as probe:
+        began = time.monotonic()
+        os.kill(victim, number)
+        until(lambda: is_dealt_with(victim, number), AGAIN * PATIENCE)
+        dealt = time.monotonic()
+        until(lambda: probe.served > dealt, AGAIN * PATIENCE - (dealt - began))
+        until(lambda: asked(service, "GET", "/health", None, 1.0) == 200, AGAIN * PATIENCE - (time.monotonic() - began))
+        took = time.monotonic() - began
+    print(f"{process}, {number.name}: served again after {took:.1f} s, health wrong for {probe.wrong:.1f} s")
+    assert probe.wrong <= WRONG * PATIENCE
+
+
+def is_dealt_with(victim: int, number: int) -> bool:
+    found = session_processes.state(victim)
+    return found is None or found[0] in "ZX" or (number == signal.SIGSTOP and found[0] != session_processes.STOPPED)
+
+
+@pytest.mark.parametrize("process", VITAL)
+def test_it_ends_with_a_line(process: str, tmp_path: Path) -> None:
+    with started(tmp_path) as one:
+        session, port = server(one), int(one.url.rpartition(":")[2])
+        assert meshes(one, 30.0)
+        victim = PROCESSES[process](one)
+        with Probe(one) as probe:
+            began = time.monotonic()
+            os.kill(victim, signal.SIGKILL)
+            code = one.wait(ENDED * PATIENCE)
+            until(lambda: not list(session_processes.members(session)), ENDED * PATIENCE)
+            took = time.monotonic() - began
+        print(f"{process}, SIGKILL: ended after {took:.1f} s, health wrong for {probe.wrong:.1f} s")
+        assert code != 0
+        assert probe.wrong <= WRONG * PATIENCE
+        _, *lines = one.log.read_text().splitlines()
+        assert len(lines) == 1, lines
+        assert lines[0].startswith("freemesh: ")
+        with socket.create_server(("127.0.0.1", port)):
+            pass
+
+
+@pytest.mark.parametrize(
+    "stopped", [["command"], [name for name in PROCESSES if name != "command"]], ids=["command", "others"]
+)
+def test_sigterm_is_obeyed_when_processes_are_stopped(stopped: list[str], tmp_path: Path) -> None:
+    with started(tmp_path) as one:
+        session = server(one)
+        for victim in [PROCESSES[process](one) for process in stopped]:
+            os.kill(victim, signal.SIGSTOP)
+        began = time.monotonic()
+        assert one.stop(ENDED * PATIENCE) == 0, one.log.read_text()
+        print(f"stopped: {', '.join(stopped)}; SIGTERM obeyed after {time.monotonic() - began:.1f} s")
+        assert list(session_processes.members(session)) == []
+        assert one.log.read_text().count("\n") == 1
+
+
+def until(true: Callable[[], bool], seconds: float) -> None:
+    """Wait for something that has to come."""
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
