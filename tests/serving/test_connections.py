@@ -125,12 +125,13 @@ def test_the_server_takes_its_time() -> None:
 def test_an_answer_that_is_not_read_is_dropped() -> None:
     async def run() -> None:
         async with server() as clients:
-            await clients.connect(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            _, writer = await clients.connect(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
             for _ in range(200):
                 await asyncio.sleep(0.1)
                 if clients.cut:
                     break
             assert clients.cut == {"unread": 1}
+            writer.close()
 
     asyncio.run(run())
 
@@ -140,13 +141,14 @@ def test_only_so_many_answers_wait_to_be_read(monkeypatch: pytest.MonkeyPatch) -
 
     async def run() -> None:
         async with server(limits=replace(LIMITS, write_seconds=60)) as clients:
-            for _ in range(5):
-                await clients.connect(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            unread = [await clients.connect(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n") for _ in range(5)]
             for _ in range(200):
                 await asyncio.sleep(0.1)
                 if clients.cut["unread"] == 2:
                     break
             assert clients.cut == {"unread": 2}
+            for _, writer in unread:
+                writer.close()
 
     asyncio.run(run())
 
