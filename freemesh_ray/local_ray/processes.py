@@ -47,6 +47,16 @@ def process(number: int) -> Process | None:
     return Process(number, found[1]) if found is not None and found[0] not in DEAD else None
 
 
+def of_session(session: int) -> list[Process]:
+    """The living processes of a session, whoever their parents are now."""
+    found = []
+    for name in os.listdir("/proc") if os.path.isdir("/proc") else ():
+        with suppress(OSError):
+            if name.isdecimal() and os.getsid(int(name)) == session:
+                found.append(process(int(name)))
+    return [one for one in found if one is not None]
+
+
 def children(number: int) -> list[Process]:
     """The living children of a process."""
     found: list[int] = []

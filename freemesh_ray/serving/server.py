@@ -21,24 +21,22 @@ from typing import TYPE_CHECKING, Any
 import uvicorn
 
 from envs.errors import FAILED, UserError
-from freemesh_ray.local_ray import local_ray
+from freemesh_ray.local_ray import Session, local_ray
+from freemesh_ray.local_ray.processes import STOPPED, process
 from freemesh_ray.serving import session_processes
 from freemesh_ray.serving.connections import BACKLOG, Connection, Connections, affordable
 from freemesh_ray.serving.counters import Counters
 from freemesh_ray.serving.http_app import asgi_app
-from freemesh_ray.serving.order import Order, ServiceEnded, ServiceError
+from freemesh_ray.serving.order import Order, ServiceError
 
 if TYPE_CHECKING:
     from freemesh_ray.serving.meshers import Meshers
 
-#: Seconds between two looks at Ray's processes, and after which a service without a mesher ends.
+#: Seconds between two looks at the meshers and at the parent, and after which a service without a mesher ends.
 LOOK, WITHOUT = 0.5, 60.0
 
 #: Seconds for what is being meshed when the service is to end.
 GRACE = 6
-
-#: Ray's processes that a service cannot do without.
-VITAL = ("gcs_server", "raylet")
 
 
 class _Server(uvicorn.Server):
@@ -48,21 +46,23 @@ class _Server(uvicorn.Server):
         return nullcontext()
 
 
-def serve(order: Order, parent: Pipe) -> None:
+def serve(order: Order, parent: Pipe, watch: _Watch) -> None:
     """Serve until SIGTERM.
 
     Args:
         order: what to serve.
         parent: is sent None when it serves, and again and again as a sign of life.
+        watch: is told of Ray.
 
     Raises:
         UserError: it does not start.
     """
     # A worker of Ray gives way to everything else by default; here it is what the machine is for.
     os.environ.setdefault("RAY_worker_niceness", "0")
-    with local_ray(order.replicas):
+    with local_ray(order.replicas) as session:
+        watch.ray = session
         _keep_ray_quiet()
-        asyncio.run(_serve(order, parent))
+        asyncio.run(_serve(order, parent, session))
 
 
 def _keep_ray_quiet() -> None:
@@ -72,7 +72,7 @@ def _keep_ray_quiet() -> None:
     worker.print_to_stdstream = lambda *_, **__: None  # type: ignore[assignment]
 
 
-async def _serve(order: Order, parent: Pipe) -> None:
+async def _serve(order: Order, parent: Pipe, session: Session) -> None:
     # Ray is imported when its environment is set.
     from freemesh_ray.serving.meshers import MesherLost, Meshers
 
@@ -98,15 +98,10 @@ async def _serve(order: Order, parent: Pipe) -> None:
             await asyncio.sleep(0.02)
         while not ending.is_set() and not listening.done():
             _sign_of_life(parent)
-            _check_ray()
             if meshers.seconds_without() > WITHOUT:
-                raise ServiceEnded(f"no mesher could be started for {WITHOUT:g} s: Ray's logs say why")
+                session.end(f"no mesher could be started for {WITHOUT:g} s: start it again", FAILED)
             with suppress(TimeoutError):
                 await asyncio.wait_for(ending.wait(), LOOK)
-    except ServiceEnded as error:
-        # A Ray that lacks a process could take long to shut down: the parent kills what is left.
-        parent.send(error)
-        os._exit(error.exit_code)
     finally:
         server.should_exit = True
         with suppress(SystemExit, asyncio.CancelledError):
@@ -139,31 +134,25 @@ def _sign_of_life(parent: Pipe) -> None:
             parent.send(None)
 
 
-def _check_ray() -> None:
-    """End with a line where a process is gone that Ray needs, if it is one of ours.
+class _Watch(threading.Thread):
+    """Wakes the parent where it is stopped; ends everything when it is gone."""
 
-    Raises:
-        ServiceEnded: it is.
-    """
-    from ray._private import worker
+    def __init__(self, parent: Pipe) -> None:
+        super().__init__(name="watch of the command", daemon=True)
+        self.ray: Session | None = None
+        self._parent, self._process = parent, process(os.getppid())
 
-    node = worker._global_node
-    for name, _ in node.dead_processes() if node is not None else ():
-        if name in VITAL:
-            raise ServiceEnded(f"Ray's {name} is gone: start the service again")
-
-
-def _watch(parent: Pipe, process: int) -> None:
-    """Wake the parent where it is stopped; end everything when it is gone."""
-    while True:
-        if select.select([parent], [], [], 1.0)[0]:
-            # It sends nothing: this is the end.
-            print("freemesh: the command was killed; so ends the service", file=sys.stderr, flush=True)
-            session_processes.end(os.getsid(0))
-            os._exit(FAILED)
-        found = session_processes.state(process)
-        if found is not None and found[0] == session_processes.STOPPED:
-            session_processes.wake(process)
+    def run(self) -> None:
+        # It sends nothing: what can be read is the end.
+        while not select.select([self._parent], [], [], LOOK)[0]:
+            if self._process is not None and self._process.state == STOPPED:
+                self._process.send(signal.SIGCONT)
+        line = "the command was killed, and so is the service"
+        if self.ray is not None:
+            self.ray.end(line, FAILED)
+        print(f"freemesh: {line}", file=sys.stderr, flush=True)
+        session_processes.end(os.getsid(0))
+        os._exit(FAILED)
 
 
 def main() -> None:
@@ -172,9 +161,10 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with Pipe(int(sys.argv[1])) as parent:
         order = parent.recv()
-        threading.Thread(target=_watch, args=(parent, os.getppid()), daemon=True).start()
+        watch = _Watch(parent)
+        watch.start()
         try:
-            serve(order, parent)
+            serve(order, parent, watch)
         except UserError as error:
             with suppress(OSError):
                 parent.send(error)

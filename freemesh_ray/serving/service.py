@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from ipaddress import ip_address
 from multiprocessing import Pipe
 
+from envs.errors import FAILED
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving import session_processes
 from freemesh_ray.serving.limits import Limits
@@ -85,6 +86,7 @@ class Service:
 
         Raises:
             ServiceEnded: it serves no more, in one line; what was left of it is killed.
+            SystemExit: as above, where it has said so itself.
         """
         heard = time.monotonic()
         try:
@@ -95,7 +97,7 @@ class Service:
                 session_processes.wake_stopped(self._process.pid)
                 if time.monotonic() - heard > SILENT:
                     raise ServiceEnded(f"the service gave no sign of life for {SILENT:g} s: start it again")
-        except ServiceEnded:
+        except (ServiceEnded, SystemExit):
             self._kill()
             raise
 
@@ -114,7 +116,11 @@ class Service:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(1.0)
             self._kill()
-            raise ServiceEnded(f"the service's process ended with {self._process.returncode}: start it again") from None
+            code = self._process.returncode
+            if code == FAILED:
+                # It has said why.
+                raise SystemExit(FAILED) from None
+            raise ServiceEnded(f"the service's process was killed ({code}): start it again") from None
         if isinstance(told, Exception):
             raise told
 
