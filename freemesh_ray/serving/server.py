@@ -23,7 +23,6 @@ import uvicorn
 from envs.errors import FAILED, UserError
 from freemesh_ray.local_ray import Session, local_ray
 from freemesh_ray.local_ray.processes import STOPPED, process
-from freemesh_ray.serving import session_processes
 from freemesh_ray.serving.connections import BACKLOG, Connection, Connections, affordable
 from freemesh_ray.serving.counters import Counters
 from freemesh_ray.serving.http_app import asgi_app
@@ -149,9 +148,9 @@ class _Watch(threading.Thread):
                 self._process.send(signal.SIGCONT)
         line = "the command was killed, and so is the service"
         if self.ray is not None:
+            # Its guard ends all that it has started.
             self.ray.end(line, FAILED)
         print(f"freemesh: {line}", file=sys.stderr, flush=True)
-        session_processes.end(os.getsid(0))
         os._exit(FAILED)
 
 

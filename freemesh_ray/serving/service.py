@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -125,10 +124,9 @@ class Service:
             raise told
 
     def _kill(self) -> None:
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        session_processes.end(self._process.pid)
+        self._process.kill()
         self._process.wait()
+        session_processes.end(self._process.pid)
         self._connection.close()
 
 

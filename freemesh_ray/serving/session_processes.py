@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 
 from freemesh_ray.local_ray.processes import STOPPED, of_session
 
-#: Seconds until a killed process is gone; one that waits for a device may take longer.
-PATIENCE = 2.0
+#: Seconds for the guard of Ray to end what is left of it and to remove its folder, and then until a killed process is
+#: gone; one that waits for a device may take longer.
+GUARD, KILLED = 1.0, 2.0
 
 
 def wake_stopped(session: int) -> None:
@@ -20,11 +20,9 @@ def wake_stopped(session: int) -> None:
 
 
 def end(session: int) -> None:
-    """Kill what is left of a session, this process excepted, and wait a moment until it is gone."""
-    deadline = time.monotonic() + PATIENCE
-    while left := [process for process in of_session(session) if process.number != os.getpid()]:
-        for process in left:
+    """Wait until a session is over that has lost its first process; kill what is left of it after a moment."""
+    began = time.monotonic()
+    while (left := of_session(session)) and (waited := time.monotonic() - began) < GUARD + KILLED:
+        for process in left if waited > GUARD else ():
             process.send(signal.SIGKILL)
-        if time.monotonic() > deadline:
-            return
         time.sleep(0.02)

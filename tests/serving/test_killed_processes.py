@@ -54,6 +54,7 @@ PROCESSES: dict[str, Callable[[Server], int]] = {
     "log monitor": first("log_monitor"),
     "dashboard agent": first("ray::DashboardAgent"),
     "environment agent": first("ray::RuntimeEnvAgent"),
+    "guard": first("local_ray.guard"),
     "mesher": first("ray::Mesher"),
     "forking process": lambda service: forking(service.pid)[0],
     "worker": lambda service: workers(service.pid)[0],
