@@ -163,6 +163,7 @@ class Connection(H11Protocol):
         headers = [("Content-Type", "application/json"), ("Content-Length", str(len(body))), ("Connection", "close")]
         for event in (h11.Response(status_code=400, headers=headers), h11.Data(data=body), h11.EndOfMessage()):
             self.transport.write(self.conn.send(event) or b"")
+        self._leave_the_application()
         self.transport.close()
 
     def cut_off(self, reason: str) -> None:
@@ -170,7 +171,14 @@ class Connection(H11Protocol):
         self._all.cut(reason)
         self._all.leave(self)
         self._set_timer(None)
+        self._leave_the_application()
         self.transport.abort()
+
+    def _leave_the_application(self) -> None:
+        """What the application says from now on is for nobody."""
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
 
     def _turn(self) -> None:
         """See whose turn it is: the clock of the client's runs from its beginning, not from each byte."""

@@ -1,0 +1,166 @@
+"""A worker that runs out of memory or time, is killed or stopped: its request gets an answer, and so do the next."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+from listening import family
+
+from freemesh_ray.policies.policy import SHIPPED, Policy
+from freemesh_ray.serving.answer import MeshRequest
+from freemesh_ray.serving.lanes import COSTLY, QUICK
+from freemesh_ray.serving.limits import Limits
+from freemesh_ray.serving.parameters import Parameters
+from freemesh_ray.serving.supervisor import Supervisor
+
+SHEET = json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]]}).encode()
+#: A mesh of 48 elements, one of 83,000, and one of a quarter million.
+SMALL = MeshRequest(SHEET, Parameters("medium", edge_length=0.5))
+MEDIUM = MeshRequest(SHEET, Parameters("medium", edge_length=0.012))
+LARGE = MeshRequest(SHEET, Parameters("medium", edge_length=0.007))
+
+
+@contextmanager
+def supervisor(lane: str = COSTLY, **limits: float) -> Iterator[Supervisor]:
+    one = Supervisor({"medium": Policy.load(SHIPPED["medium"])}, replace(Limits(), **limits), lane)
+    one.start()
+    try:
+        yield one
+    finally:
+        one.stop()
+
+
+def worker(one: Supervisor) -> int:
+    """The worker; 0 between two of them."""
+    assert one._process is not None
+    return next(iter(family(one._process.pid)[1:]), 0)
+
+
+@contextmanager
+def sent_while_it_meshes(one: Supervisor, *numbers: signal.Signals) -> Iterator[list[int]]:
+    """Send signals to the worker that is at work, each to another one."""
+    victims: list[int] = []
+
+    def send() -> None:
+        for number in numbers:
+            until(lambda: worker(one) not in (0, *victims) and busy(worker(one)))
+            victims.append(worker(one))
+            os.kill(victims[-1], number)
+
+    sender = threading.Thread(target=send, daemon=True)
+    sender.start()
+    yield victims
+    sender.join(30)
+    assert len(victims) == len(numbers)
+
+
+def busy(pid: int) -> bool:
+    """Whether a process has used a tenth of a second of its core."""
+    try:
+        with open(f"/proc/{pid}/stat") as stat:
+            return int(stat.read().rpartition(")")[2].split()[11]) > 10
+    except OSError:
+        return False
+
+
+def until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 30
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def test_a_mesh_that_takes_too_much_memory() -> None:
+    with supervisor(worker_bytes=60_000_000) as one:
+        before = worker(one)
+        refused = one.answer(LARGE)
+        assert refused is not None
+        assert refused.status == 413
+        assert b"more than 0.06 GB of memory" in refused.body
+        answer = one.answer(SMALL)
+        assert answer is not None
+        assert (answer.status, answer.elements, worker(one)) == (200, 48, before)
+
+
+def test_a_mesh_that_takes_too_long() -> None:
+    with supervisor(seconds=0.3) as one:
+        refused = one.answer(LARGE)
+        assert refused is not None
+        assert refused.status == 504
+        began = time.monotonic()
+        answer = one.answer(SMALL)
+        assert answer is not None
+        assert answer.status == 200
+        assert time.monotonic() - began < 20  # a fork, not a start
+
+
+def test_what_is_too_costly_for_the_quick_lane() -> None:
+    with supervisor(QUICK) as one:
+        before = worker(one)
+        assert one.answer(LARGE) is None
+        answer = one.answer(SMALL)
+        assert answer is not None
+        assert (answer.status, worker(one)) == (200, before)
+
+
+def test_what_takes_too_long_for_the_quick_lane() -> None:
+    with supervisor(QUICK, quick_elements=10**9, quick_seconds=0.2) as one:
+        assert one.answer(LARGE) is None
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSEGV])
+def test_a_worker_that_is_killed_or_stopped_while_it_meshes(number: signal.Signals) -> None:
+    with supervisor() as one:
+        with sent_while_it_meshes(one, number):
+            answer = one.answer(MEDIUM)
+        assert answer is not None
+        assert answer.status == 200
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGKILL, 503), (signal.SIGSEGV, 500)])
+def test_a_polygon_that_workers_die_of(number: signal.Signals, status: int) -> None:
+    with supervisor() as one:
+        with sent_while_it_meshes(one, number, number):
+            answer = one.answer(MEDIUM)
+        assert answer is not None
+        assert answer.status == status
+        again = one.answer(SMALL)
+        assert again is not None
+        assert again.status == 200
+
+
+def test_the_process_that_forks_is_killed_while_its_worker_meshes() -> None:
+    with supervisor() as one:
+        assert one._process is not None
+        before = one._process.pid
+        killer = threading.Timer(0.2, os.kill, (before, signal.SIGKILL))
+        killer.start()
+        answer = one.answer(MEDIUM)
+        killer.join()
+        assert answer is not None
+        assert answer.status == 200
+        again = one.answer(SMALL)
+        assert again is not None
+        assert again.status == 200
+        assert one._process.pid != before
+
+
+@pytest.mark.parametrize("at_work", [False, True])
+def test_nothing_is_left(at_work: bool) -> None:
+    with supervisor() as one:
+        assert one._process is not None
+        processes = family(one._process.pid)
+        assert len(processes) == 2
+        if at_work:
+            assert one._connection is not None
+            one._connection.send(MEDIUM)
+            until(lambda: busy(processes[1]))
+    until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in processes))
