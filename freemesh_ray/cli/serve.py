@@ -34,8 +34,8 @@ def add(commands: Any) -> None:
     serve.add_argument("--host", default="127.0.0.1", metavar="H", help="address to listen on (127.0.0.1)")
     serve.add_argument("--port", type=whole(1, 65535), default=8000, metavar="P", help="port to listen on (8000)")
     serve.add_argument("--replicas", type=whole(1, 256), default=1, metavar="N", help="meshes made at a time (1)")
-    serve.add_argument("--allowed-hosts", type=_names, default=(), metavar="A,B",
-                       help="names that the server goes by, beside --host and localhost")  # fmt: skip
+    serve.add_argument("--allowed-hosts", type=_names, default=(), metavar="NAMES",
+                       help="names of the server beside --host and localhost, with commas in between")  # fmt: skip
     add_policy(serve, "the shipped ones")
     limits = serve.add_argument_group("limits of a request")
     limits.add_argument("--max-body-mb", type=positive, default=usual.body_bytes / 1e6, metavar="MB",

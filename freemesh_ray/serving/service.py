@@ -22,7 +22,7 @@ from freemesh_ray.serving.order import Order, ServiceEnded, ServiceError
 LOOK, SILENT = 1.0, 8.0
 
 #: Seconds that the service may take to end; what is left of it then is killed.
-ENDING = 8.5
+ENDING = 7.5
 
 
 def is_loopback(host: str) -> bool:

@@ -9,7 +9,7 @@ from freemesh_ray.local_ray.processes import STOPPED, of_session
 
 #: Seconds for the guard of Ray to end what is left of it and to remove its folder, and then until a killed process is
 #: gone; one that waits for a device may take longer.
-GUARD, KILLED = 1.0, 2.0
+GUARD, KILLED = 4.0, 2.0
 
 
 def wake_stopped(session: int) -> None:

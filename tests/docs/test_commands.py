@@ -260,4 +260,4 @@ def test_the_usage_of_serve_is_its_grammar() -> None:
     defaults = {name.replace("_", "-"): value for name, value in vars(cli.parser().parse_args(["serve"])).items()}
     assert set(told) == set(defaults) - {"command"}
     for option, value in told.items():
-        assert value in ("N", "FILE") or type(defaults[option])(value) == defaults[option], option
+        assert value in ("N", "FILE", "NAMES") or type(defaults[option])(value) == defaults[option], option
