@@ -14,11 +14,14 @@ from multiprocessing.connection import Connection
 
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
-from freemesh_ray.serving.lanes import QUICK
+from freemesh_ray.serving.lanes import QUICK, seconds
 from freemesh_ray.serving.limits import Limits
 
 #: Workers that may die over one request before it is given up: one may have been killed by somebody else.
 TRIES = 2
+
+#: Seconds beside a request's own after which a worker that does not answer is killed.
+SLACK = 5.0
 
 
 class WorkerError(RuntimeError):
@@ -89,7 +92,10 @@ class Supervisor:
                 self._newest()
                 assert self._connection is not None
                 self._connection.send(request)
-                return self._connection.recv()
+                if self._connection.poll(seconds(self._lane, self._limits) + SLACK):
+                    return self._connection.recv()
+                self.stop()
+                continue
             except (EOFError, OSError):
                 pass
             try:

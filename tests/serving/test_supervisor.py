@@ -119,10 +119,13 @@ def test_what_takes_too_long_for_the_quick_lane() -> None:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSEGV])
 def test_a_worker_that_is_killed_or_stopped_while_it_meshes(number: signal.Signals) -> None:
     with supervisor() as one:
+        began = time.monotonic()
         with sent_while_it_meshes(one, number):
             answer = one.answer(MEDIUM)
         assert answer is not None
         assert answer.status == 200
+        # Nobody waited until its time was up.
+        assert time.monotonic() - began < one._limits.seconds
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGKILL, 503), (signal.SIGSEGV, 500)])
