@@ -20,6 +20,7 @@ import numpy as np
 from envs.domains.load import load
 from envs.types import Domain
 from freemesh_ray.formatting.table import number, table
+from freemesh_ray.local_ray.processes import children, command_line
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.service import running_service
@@ -160,17 +161,11 @@ def after_a_kill(port: int, body: bytes) -> str:
 
 def meshers() -> list[int]:
     """The processes of the meshers on this machine that descend from this process."""
-    import psutil
-    import ray  # noqa: F401  it brings psutil
-
-    found = []
-    for process in psutil.Process().children(recursive=True):
-        try:
-            if "".join(process.cmdline()).startswith(MESHER):
-                found.append(process.pid)
-        except (psutil.NoSuchProcess, psutil.ZombieProcess):
-            continue
-    return found
+    found, new = [], [os.getpid()]
+    while new:
+        new = [child.number for parent in new for child in children(parent)]
+        found += new
+    return [number for number in found if command_line(number).startswith(MESHER)]
 
 
 def running(port: int) -> int:
