@@ -71,15 +71,15 @@ class TrialTrainable(tune.Trainable):
 
     def _begin(self, trial: Trial) -> None:
         _, make, study, parent = self._about
-        self._lock = ExitStack()
+        self.lock = ExitStack()
         self._training: Training | None = None
         self._run: MLflowRun | None = None
         trial.folder.path.mkdir(parents=True, exist_ok=True)
         # Another study may train the same: wait for its figures, or for the folder.
-        self._lock.enter_context(held(trial.folder.path, "wait", patience=math.inf))
+        self.lock.enter_context(held(trial.folder.path, "wait", patience=math.inf))
         self._figures = finished(trial.folder)
         if self._figures is not None:  # by another study, or after Tune last wrote its record
-            self._lock.close()
+            self.lock.close()
             return
         tracking = trial.config["tracking"]
         self._run = MLflowRun(
@@ -119,7 +119,7 @@ class TrialTrainable(tune.Trainable):
                 with replacing(training.folder.path / FINISHED) as draft:
                     draft.write_text(json.dumps(figures))
                 self._run.close()
-                self._lock.close()
+                self.lock.close()
         except Exception:
             self._run.close("FAILED")
             raise
@@ -148,7 +148,7 @@ class TrialTrainable(tune.Trainable):
         if self._run is not None:
             self._run.close()
         self._training = self._run = None
-        self._lock.close()
+        self.lock.close()
 
 
 def _quiet() -> None:
