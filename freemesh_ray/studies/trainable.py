@@ -91,6 +91,7 @@ class TrialTrainable(tune.Trainable):
             tags={**tags(trial.config), "study": study, "variant": trial.label},
             parent=parent,
             resume=True,
+            folders=[*trial.config["paths"].values()],
             enabled=tracking["enabled"],
         )
         algorithm = make(trial.config)

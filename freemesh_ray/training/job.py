@@ -138,6 +138,7 @@ def _attempt(
             params=flatten(config),
             tags=tags(config),
             resume=resume,
+            folders=[*config["paths"].values()],
             enabled=tracking["enabled"],
         ) as run,
     ):

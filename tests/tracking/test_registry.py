@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +46,10 @@ def filled(blank_database: Path, tmp_path_factory: pytest.TempPathFactory) -> st
 
 @pytest.fixture
 def uri(filled: str, tmp_path: Path) -> str:
+    """A copy of that store, with its artifacts beside it."""
     shutil.copy(filled.removeprefix("sqlite:///"), tmp_path / "mlflow.db")
+    with closing(sqlite3.connect(tmp_path / "mlflow.db")) as database, database:
+        database.execute("update experiments set artifact_location = ?", ((tmp_path / "mlartifacts").as_uri(),))
     return f"sqlite:///{tmp_path / 'mlflow.db'}"
 
 
