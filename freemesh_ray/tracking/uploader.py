@@ -96,8 +96,8 @@ class Uploader:
                 if not self._is_ours():
                     self._begin_anew()
                     continue
-            # Neighbouring metrics travel together, everything else alone.
-            for _, group in itertools.groupby(lines, lambda line: line[0].get("kind") == "metrics" or line[1]):
+            # Neighbouring metrics travel together, and so does what is no event; everything else alone.
+            for _, group in itertools.groupby(lines, _company):
                 if time.monotonic() >= until:
                     return count
                 events, ends = zip(*group, strict=True)
@@ -282,6 +282,12 @@ class Uploader:
 
     def _experiment(self) -> str:
         return experiment_id(self._store(), self.uri, self.journal.state.experiment)
+
+
+def _company(line: tuple[Event, int]) -> str | int:
+    """What neighbouring lines of a journal share that are sent together."""
+    kind = line[0].get("kind", "none")
+    return kind if kind in ("metrics", "none") else line[1]
 
 
 def _chunks(items: list[Any], size: int) -> Iterator[list[Any]]:
