@@ -216,7 +216,7 @@ FILES: dict[str, Planting] = {
     "relative": lambda world, folder: Path(os.path.relpath(world.home / "outside" / "id_rsa")),
     "a folder": lambda world, folder: world.home / "outside",
     "its own folder": lambda world, folder: folder,
-    "a device": lambda world, folder: Path("/dev/zero"),
+    "a device": lambda world, folder: Path("/dev/null"),
     "the environment": lambda world, folder: Path("/proc/self/environ"),
     "a symbolic link": _symlink, "a hard link": _hard_link, "a linked folder": _linked_folder, "a pipe": _pipe,
     "a socket": _socket, "another run's": _others_run,
@@ -302,7 +302,7 @@ def _state_is_a_pipe(path: Path, theirs: Path) -> None:
 
 def _journal_is_a_device(path: Path, theirs: Path) -> None:
     path.unlink()
-    path.symlink_to("/dev/zero")
+    path.symlink_to("/dev/null")
 
 
 def _state_is_huge(path: Path, theirs: Path) -> None:
@@ -646,7 +646,7 @@ def hostile(rng: Rng, world: World, folder: Path) -> Any:
     return rng.choice([
         str(world.home / "outside" / "id_rsa"), str(world.home / "outside" / "theirs.jsonl"), "../../outside/id_rsa",
         str(folder / "link"), str(folder / "hard"), str(folder / "pipe"), str(folder / "linked" / "id_rsa"),
-        str(folder / "config.yaml"), str(folder), "/proc/self/environ", "/dev/zero", "/", "", ".", "..", "\0",
+        str(folder / "config.yaml"), str(folder), "/proc/self/environ", "/dev/null", "/", "", ".", "..", "\0",
         world.elsewhere.url, f"{world.elsewhere.url}/api/2.0/mlflow-artifacts/artifacts/1/x", "file:///", "sqlite:///x",
         world.store.url.replace("//", f"//x@{world.elsewhere.netloc}@"), world.store.url, other, "mesher", "best",
         "x' or tags.`freemesh.id` != 'y", Owner.here().user, ANOTHER, ANOTHER["user"], Owner.here().told(),
@@ -711,7 +711,9 @@ def tagged(rng: Rng, path: Path, world: World) -> None:
     run = world.store.add(tags=tags, started=rng.choice([0, 10**15, 1000]))
     if rng.random() < 0.5:
         change_state(path, run_id=run.run_id)
-    if (tags["freemesh.user"], tags["freemesh.id"]) != (here.user, path.stem):
+    ours = tags["freemesh.user"] == here.user
+    lost = tags["freemesh.machine"] == here.machine and tags["freemesh.boot"] != here.boot  # and so it is FAILED
+    if not ours or (tags["freemesh.id"] != path.stem and not lost):
         world.others[run.run_id] = run.told()
 
 
