@@ -31,6 +31,7 @@ from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking import MLflowRun, TrackingError, sync, uploader
 from freemesh_ray.tracking import mlflow_run as recording
 from freemesh_ray.tracking.events import Event
+from freemesh_ray.tracking.journal import CHUNK, JOURNAL_BYTES, LINE_BYTES, STATE_BYTES, entries
 from freemesh_ray.tracking.killed_runs import fail_killed_runs
 from freemesh_ray.tracking.registry import fingerprint
 from freemesh_ray.tracking.search import found
@@ -307,12 +308,12 @@ def _journal_is_a_device(path: Path, theirs: Path) -> None:
 
 def _state_is_huge(path: Path, theirs: Path) -> None:
     with path.with_suffix(".json").open("ab") as file:
-        file.truncate(1 << 40)
+        file.truncate(STATE_BYTES + 1)
 
 
 def _journal_is_huge(path: Path, theirs: Path) -> None:
     with path.open("ab") as file:
-        file.truncate(1 << 40)
+        file.truncate(JOURNAL_BYTES + 1)
 
 
 def _of_another_user(path: Path, theirs: Path) -> None:
@@ -329,6 +330,8 @@ def _state_of_another_user(path: Path, theirs: Path) -> None:
 
 def _recorded_by_another(path: Path, theirs: Path) -> None:
     change_state(path, owner=ANOTHER)
+    with path.open("a") as file:
+        file.write(json.dumps({"kind": "end", "time": 2000, "status": "FINISHED"}) + "\n")
 
 
 def _recorded_on_another_machine(path: Path, theirs: Path) -> None:
@@ -612,6 +615,21 @@ def test_a_huge_line_and_a_damaged_beginning_are_left_out(world: World) -> None:
     headless.write_bytes(headless.read_bytes().split(b"\n", 1)[1])
     assert sync(world.runs, world.store.url, within=world.folders) == 5
     assert stored(world, headless) == []
+
+
+@pytest.mark.parametrize("chunks", range(1, 12))
+def test_the_end_of_a_line_too_long_is_no_event(chunks: int, tmp_path: Path) -> None:
+    event = json.dumps({"kind": "end", "time": 1, "status": "FINISHED"}).encode()
+    path = tmp_path / "a.jsonl"
+    path.write_bytes(b" " * (CHUNK * chunks) + event + b"\n" + event + b"\n")
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        lines = list(entries(descriptor))
+    finally:
+        os.close(descriptor)
+    long = CHUNK * chunks + len(event) > LINE_BYTES
+    assert [each.get("status") for each, _ in lines] == [None if long else "FINISHED", "FINISHED"]
+    assert lines[-1][1] == path.stat().st_size
 
 
 def test_what_cannot_be_read_is_passed_by(tmp_path: Path) -> None:
