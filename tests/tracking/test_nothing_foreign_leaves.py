@@ -639,6 +639,8 @@ def test_what_cannot_be_read_is_passed_by(tmp_path: Path) -> None:
         for name in ("colleague", "mine"):
             (home / name / "tracking").mkdir(parents=True)
             (home / name / "tracking" / "a.jsonl").touch()
+        (home / "linked").symlink_to(home / "mine")
+        (home / "mine" / "tracking" / "b.jsonl").symlink_to(home / "mine" / "tracking" / "a.jsonl")
         (home / "colleague").chmod(0)
         root = os.geteuid() == 0
         try:

@@ -133,6 +133,15 @@ def test_what_cannot_be_registered_is_one_line(tmp_path: Path, uri: str):
         register(tmp_path / "policy.npz", uri=uri, name="mesher")
 
 
+def test_a_model_goes_to_the_stores_own_place_alone(filled: str, tmp_path: Path):
+    shutil.copy(filled.removeprefix("sqlite:///"), tmp_path / "mlflow.db")  # its artifacts lie where it was
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    before = sorted(Path(filled.removeprefix("sqlite:///")).parent.rglob("*"))
+    with pytest.raises(TrackingError, match=r"another place: where it was moved set another tracking\.experiment"):
+        register(SHIPPED["dense"], uri=uri, name="mesher", run=versions(uri)[0].run_id)
+    assert sorted(Path(filled.removeprefix("sqlite:///")).parent.rglob("*")) == before
+
+
 def test_a_model_that_cannot_be_registered_does_not_hold_up_its_run(tmp_path: Path, uri: str, caplog: Any):
     with MLflowRun(tmp_path / "run", uri=uri, experiment="test", name="study") as run:
         run.model(tmp_path / "absent.npz", name="mesher")
