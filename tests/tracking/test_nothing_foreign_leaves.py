@@ -25,7 +25,7 @@ from mutants import mutants
 from recording_server import FakeStore, Recorder
 
 from freemesh_ray.cli import command
-from freemesh_ray.policies.policy import DEFAULT
+from freemesh_ray.policies.policy import DEFAULT, SHIPPED
 from freemesh_ray.storage import owner as owner_module
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking import MLflowRun, TrackingError, sync, uploader
@@ -248,6 +248,14 @@ def test_a_file_that_is_not_of_the_runs_folder_stays(planting: str, kind: str, w
     assert not any("registered-models" in request.path for request in world.store.requests)
     (run,) = stored(world, path)
     assert run["info"]["status"] == "FAILED"  # and what else it recorded has arrived
+
+
+def test_a_policy_that_is_not_the_one_recorded_is_not_registered(world: World) -> None:
+    path = recorded(world, "attack")
+    shutil.copy(SHIPPED["dense"], path.parent / "models" / "policy.npz")
+    world.deliver()
+    assert not any("registered-models" in request.path for request in world.store.requests)
+    assert stored(world, path)[0]["info"]["status"] == "FAILED"
 
 
 def test_a_file_that_is_exchanged_after_it_was_checked_stays(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
