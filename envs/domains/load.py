@@ -49,6 +49,7 @@ def load(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    allow_large: bool = False,
 ) -> Domain:
     """The one domain that ``spec`` names; see :func:`load_all`.
 
@@ -59,7 +60,9 @@ def load(
     if len(polygons) != 1:
         fix = "keep one in each file" if polygons else "give one"
         raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; {fix}")
-    return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)[0]
+    return domains_of(
+        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, allow_large=allow_large
+    )[0]
 
 
 def load_all(
@@ -68,6 +71,7 @@ def load_all(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    allow_large: bool = False,
 ) -> list[Domain]:
     """Every domain that ``spec`` names.
 
@@ -82,6 +86,7 @@ def load_all(
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
         grading: largest segment over the smallest, 1 (even) to 1000: above 1 segments shrink from ``edge_length``
             near short sides and sharp corners, and grow again smoothly.
+        allow_large: also where ``edge_length`` asks for a mesh of more than 2 million elements.
 
     Raises:
         DomainError: the source, the place and the fix in one line.
@@ -89,7 +94,9 @@ def load_all(
     polygons, name, source = given(spec, edge_length)
     if not polygons:
         raise DomainError(f"{source}: no polygon in it; give at least one")
-    return domains_of(polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+    return domains_of(
+        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, allow_large=allow_large
+    )
 
 
 def from_object(
@@ -99,6 +106,7 @@ def from_object(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    allow_large: bool = False,
 ) -> list[Domain]:
     """The domains of a polygon that a program holds, one for each polygon in it.
 
@@ -110,6 +118,7 @@ def from_object(
         fix_parity: as for :func:`load_all`.
         edge_length: as for :func:`load_all`.
         grading: as for :func:`load_all`.
+        allow_large: as for :func:`load_all`.
 
     Raises:
         DomainError: an object that holds no polygon, or one that cannot be meshed.
@@ -117,7 +126,9 @@ def from_object(
     polygons = polygons_of(polygon, name)
     if not polygons:
         raise DomainError(f"{name}: no polygon in it; give at least one")
-    return domains_of(polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+    return domains_of(
+        polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading, allow_large=allow_large
+    )
 
 
 def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Polygons, str, str]:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from envs.polygons import ring_with_seams, seam
 from envs.polygons.discretisation import discretised
+from envs.polygons.mesh_size import check_elements, expected_in_rings
 from envs.polygons.parity import with_even_count
 from envs.polygons.rings import (
     EDGE_LENGTH,
@@ -43,6 +44,7 @@ def domains_of(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    allow_large: bool = False,
 ) -> list[Domain]:
     """The domain of each polygon, with common points where they share their boundary.
 
@@ -54,6 +56,7 @@ def domains_of(
         fix_parity: split the longest segment when a polygon's total of vertices is odd.
         edge_length: discretise the outlines by this length; their totals are then even.
         grading: largest size over the smallest, 1 to 1000; needs an edge length.
+        allow_large: also where an edge length asks for a mesh of more than ``mesh_size.MOST_ELEMENTS``.
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several.
@@ -69,6 +72,9 @@ def domains_of(
     else:
         # What is wrong with an outline is said in terms of its own vertices, before it gets others.
         outlines = [checked(rings, where, least=3) for rings, where in zip(polygons, sources, strict=True)]
+        if edge_length is not None and not allow_large:
+            for rings, where in zip(outlines, sources, strict=True):
+                check_elements(expected_in_rings(rings, edge_length), where)
         split = discretised(outlines, source, edge_length=edge_length, grading=grading)
         valid = (checked_again(rings, where, edge_length) for rings, where in zip(split, sources, strict=True))
     return [

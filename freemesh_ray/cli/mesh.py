@@ -64,6 +64,7 @@ def add(commands: Any) -> None:
     boundary.add_argument("--grading", type=positive, default=1.0, metavar="RATIO",
                           help="largest over smallest piece: finer at corners and small features (1)")  # fmt: skip
     add_fix_parity(boundary)
+    boundary.add_argument("--yes", action="store_true", help="make a mesh of more than 2 million elements, too")
     quality = mesh.add_argument_group("quality")
     quality.add_argument("--best-of", type=whole(1, 1000), default=1, metavar="K", help="the best of K meshes (1)")
     quality.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of all draws (0)")
@@ -96,11 +97,13 @@ def run(options: argparse.Namespace) -> int:
     outputs = [Path(output) for output in options.output]
     check_outputs(outputs, SUFFIXES)
     domains = load_all(
-        options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading
-    )
+        options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading,
+        allow_large=options.yes,
+    )  # fmt: skip
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
+    wishes["allow_large"] = options.yes
     for i, domain in enumerate(domains):
         mesh = Mesh.from_domain(domain, policy, **wishes)
         paths = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]

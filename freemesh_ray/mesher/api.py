@@ -40,9 +40,10 @@ class Mesh(PlainMesh):
         Args:
             domain: see envs.domains.load.load.
             policy: the shipped one by default.
-            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.mesh_domain.
+            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``allow_large``: see mesher.mesh_domain.
 
         Raises:
+            DomainError: a mesh too large.
             MeshingError: a domain thinner than its coordinates are precise.
         """
         result = mesh_domain(Policy.load(DEFAULT) if policy is None else policy, domain, **options)
@@ -96,6 +97,7 @@ def mesh(
     name: str | None = None,
     density: str = "medium",
     policy: Policy | None = None,
+    allow_large: bool = False,
     **options: Any,
 ) -> Mesh:
     """Mesh a polygon.
@@ -110,17 +112,20 @@ def mesh(
         name: what messages and files call it; by default the file's name, or ``polygon``.
         density: ``sparse``, ``medium`` or ``dense``: how large elements grow inside.
         policy: the shipped one of that density by default.
+        allow_large: make a mesh of more than 2 million elements, too.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.mesh_domain.
 
     Raises:
-        DomainError: not one polygon, or one that cannot be meshed; one line with the place and the fix.
+        DomainError: not one polygon, one that cannot be meshed, or a mesh too large; one line with the place and the
+            fix.
     """
+    split: dict[str, Any] = {
+        "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "allow_large": allow_large,
+    }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
-        domains = load_all(polygon, fix_parity=fix_parity, edge_length=edge_length, grading=grading)
+        domains = load_all(polygon, **split)
     else:
-        domains = from_object(
-            polygon, name or "polygon", fix_parity=fix_parity, edge_length=edge_length, grading=grading
-        )
+        domains = from_object(polygon, name or "polygon", **split)
     if len(domains) != 1:
         source = name or (polygon if isinstance(polygon, str | os.PathLike) else "polygon")
         raise DomainError(f"{source}: {len(domains)} polygons where one is needed; mesh them one by one")
@@ -129,4 +134,4 @@ def mesh(
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
-    return Mesh.from_domain(domain, policy, **options)
+    return Mesh.from_domain(domain, policy, allow_large=allow_large, **options)

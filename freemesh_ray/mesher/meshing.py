@@ -16,10 +16,12 @@ import numpy as np
 from envs.errors import FAILED, UserError
 from envs.filling.convex_fill import FillError, fill
 from envs.mesh import Mesh
+from envs.polygons.mesh_size import check_elements, expected_in_domain
 from envs.quality import element_quality
 from envs.types import Domain
 from freemesh_ray.finish import finish
 from freemesh_ray.mesher.engine import Grown, grow
+from freemesh_ray.mesher.memory import check_memory
 from freemesh_ray.mesher.warm_up import warm_up
 from freemesh_ray.policies.policy import Policy
 
@@ -76,6 +78,7 @@ def mesh_domain(
     search: bool = False,
     smooth: bool = True,
     clean: bool = True,
+    allow_large: bool = False,
 ) -> MeshResult:
     """Mesh a domain.
 
@@ -87,12 +90,18 @@ def mesh_domain(
         search: for each element take the best of several of the policy's draws, by its critics or by the reward;
             otherwise its mean action.
         smooth, clean: see finish.
+        allow_large: make a mesh of more than ``mesh_size.MOST_ELEMENTS`` expected elements, too.
 
     The first call in a process loads the kernels, or compiles them, which no mesh's time includes.
 
     Raises:
+        DomainError: the mesh would be too large, or memory has no room for it; nothing was begun.
         MeshingError: no valid mesh was found: a domain thinner than its coordinates are precise.
     """
+    expected = expected_in_domain(domain)
+    if not allow_large:
+        check_elements(expected, domain.name)
+    check_memory(expected, domain.name)
     warm_up(policy)
     began = time.perf_counter()
     candidates = [mesh_once(policy, domain, (seed, k), search, smooth, clean) for k in range(best_of)]

@@ -146,14 +146,14 @@ def test_outlines_that_are_too_coarse_or_too_fine_are_refused() -> None:
     with pytest.raises(
         DomainError, match=r"polygon: 18,800,000 vertices, at most 1,000,000 are possible; use a larger --edge"
     ):
-        from_object(L_SHAPE, edge_length=1e-6)
+        from_object(L_SHAPE, edge_length=1e-6, allow_large=True)
 
 
 def test_holes_allow_fewer_vertices() -> None:
     with pytest.raises(
         DomainError, match=r"^polygon: 67,\d+ vertices with holes, at most 50,000 are possible; use a larger"
     ):
-        from_object([L_SHAPE, HOLE], edge_length=0.00033)
+        from_object([L_SHAPE, HOLE], edge_length=0.00033, allow_large=True)
 
 
 @pytest.mark.parametrize(("options", "message"), [
