@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import lzma
 import math
 import os
-import struct
-import zipfile
-import zlib
 from io import BytesIO
 
 import numpy as np
 from numpy.lib import format as npy
+
+from freemesh_ray.storage.zip_archive import DAMAGES, opened
 
 #: Bytes of an archive at most, packed and unpacked.
 MOST_BYTES = 50_000_000
@@ -21,9 +19,6 @@ MOST_ARRAYS = 1000
 
 #: What its arrays can hold: truth values, whole numbers, floats, text.
 KINDS = "biufU"
-
-#: What `zipfile` raises of damaged archives; the last of encrypted ones and of other methods of packing.
-DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, RuntimeError)
 
 HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
@@ -39,10 +34,10 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     if os.path.getsize(path) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES:,} bytes")
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open(path, "rb") as file, opened(file, MOST_BYTES) as archive:
             members = archive.infolist()
-            if len(members) > MOST_ARRAYS or sum(member.file_size for member in members) > MOST_BYTES:
-                raise ValueError(f"more than {MOST_ARRAYS:,} arrays, or {MOST_BYTES:,} bytes when unpacked")
+            if len(members) > MOST_ARRAYS:
+                raise ValueError(f"more than {MOST_ARRAYS:,} arrays")
             return {member.filename.removesuffix(".npy"): array_in(archive.read(member)) for member in members}
     except DAMAGES as error:
         raise ValueError(f"no sound archive: {error}") from error

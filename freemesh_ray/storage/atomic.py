@@ -1,9 +1,11 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, whatever others have put in their place."""
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,23 +20,50 @@ class OutputError(UserError, ValueError):
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A draft beside ``path`` to write to; it takes the place of ``path`` when the block ends without an exception.
+    """A draft to write to, of the same name; it takes the place of ``path`` when the block ends without an exception.
 
-    Missing folders are made. The draft keeps the suffix, which some writers go by.
+    Missing folders are made. The draft lies in a folder beside ``path`` that nobody else may enter, so that no other
+    account can put a link in its place. The umask decides who may read the file; a link at ``path`` is replaced.
 
     Raises:
         OutputError: the place cannot be written to.
     """
-    draft = path.with_name(f".{path.stem}.{os.getpid()}.draft{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with private_folder(path.parent) as folder:
+            draft = folder / path.name
             yield draft
             os.replace(draft, path)
-        finally:
-            draft.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error}): check the place") from error
+
+
+@contextmanager
+def private_folder(beside: Path) -> Iterator[Path]:
+    """A new folder in ``beside`` for this account alone, removed at the end.
+
+    On Linux its path goes by this process's open file: it means that folder even if the name is given to another.
+
+    Raises:
+        OSError: it cannot be made, or others may enter it.
+    """
+    made = tempfile.mkdtemp(prefix=".draft-", dir=beside)
+    try:
+        descriptor = os.open(made, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            if os.fstat(descriptor).st_mode & 0o077:
+                raise PermissionError(errno.EPERM, "the draft's folder was given to another")
+            held = Path(f"/proc/self/fd/{descriptor}")
+            yield held if held.is_dir() else Path(made)
+        finally:
+            os.close(descriptor)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def refusing_links(path: str, flags: int) -> int:
+    """An ``opener`` for files that are written to in place: a symbolic link at ``path`` is an OSError."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 def check_writable(path: Path, *, parents: bool = False) -> None:

@@ -17,9 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from freemesh_ray.storage.array_archive import DAMAGES, KINDS, array_in
+from freemesh_ray.storage import free_memory
+from freemesh_ray.storage.array_archive import KINDS, array_in
+from freemesh_ray.storage.zip_archive import DAMAGES, opened
 
 TREE = "tree.json"
+#: Bytes of the tree at most (those of trainings have 20,000), and entries of one dict.
+MOST_TREE, MOST_ENTRIES = 4_000_000, 10_000
 #: What reading a file that was cut short or changed raises.
 DAMAGE = (*DAMAGES, KeyError, ValueError, TypeError, OverflowError, MemoryError)
 
@@ -34,7 +38,7 @@ def save(state: Any, path: Path) -> None:
     Args:
         state: nested dicts (keys: text, numbers or None), lists and tuples of None, booleans, numbers, text and arrays.
             Named tuples become tuples, NumPy's scalars numbers.
-        path: of a new file.
+        path: of the file; what is there, a link too, is removed first.
 
     Raises:
         TypeError: something else is in it.
@@ -42,7 +46,8 @@ def save(state: Any, path: Path) -> None:
     """
     arrays: list[np.ndarray] = []
     tree = _described(state, arrays)
-    with open(path, "wb") as file:
+    path.unlink(missing_ok=True)
+    with open(path, "xb") as file:
         with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
             for i, array in enumerate(arrays):
                 with archive.open(f"{i}.npy", "w", force_zip64=True) as entry:
@@ -53,15 +58,22 @@ def save(state: Any, path: Path) -> None:
 
 
 def load(path: Path) -> Any:
-    """What ``save`` wrote.
+    """What ``save`` wrote; no more memory is taken than twice the file's size, and a hundred bytes a byte of the tree.
 
     Raises:
         StateFileError: it is no such file, or it is damaged.
+        MemoryShortError: memory has no room for what it holds.
         OSError: it cannot be read.
     """
     file = open(path, "rb")  # noqa: SIM115  what goes wrong here is no damage
     try:
-        with file, zipfile.ZipFile(file) as archive:
+        with file, opened(file, os.fstat(file.fileno()).st_size) as archive:
+            members = archive.infolist()
+            if any(member.compress_type != zipfile.ZIP_STORED for member in members):
+                raise ValueError("packed, which state files are not")
+            if archive.getinfo(TREE).file_size > MOST_TREE:
+                raise ValueError(f"{TREE} has more than {MOST_TREE:,} bytes")
+            free_memory.check(2 * sum(member.file_size for member in members), f"{path}: it")
             tree = json.loads(archive.read(TREE))
             names = {int(name.removesuffix(".npy")): name for name in archive.namelist() if name != TREE}
             arrays = {i: array_in(archive.read(name)).copy() for i, name in names.items()}  # all of it, checked
@@ -98,5 +110,7 @@ def _restored(node: Any, arrays: Mapping[int, np.ndarray]) -> Any:
     if kind == "tuple":
         return tuple(_restored(item, arrays) for item in content)
     if kind == "dict":
+        if len(content) > MOST_ENTRIES:  # crafted keys make a dict take time with the square of their number
+            raise ValueError(f"a dict of more than {MOST_ENTRIES:,} entries")
         return {_restored(key, arrays): _restored(value, arrays) for key, value in content}
     raise ValueError(f"unknown kind {kind!r}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import shutil
 from pathlib import Path
 from typing import Any, Protocol
@@ -44,9 +45,11 @@ def save(algorithm: Checkpointed, progress: dict[str, Any], folder: Path, keep: 
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"step_{progress['env_steps']:09d}"
-    partial = folder / f".partial_{path.name}"
-    shutil.rmtree(partial, ignore_errors=True)
+    for left in folder.glob(".partial_*"):  # by a kill
+        shutil.rmtree(left, ignore_errors=True)
+    partial = folder / f".partial_{path.name}_{secrets.token_hex(8)}"
     try:
+        partial.mkdir()
         write(algorithm, progress, partial)
     except OSError:
         shutil.rmtree(partial, ignore_errors=True)
@@ -63,7 +66,8 @@ def write(algorithm: Checkpointed, progress: dict[str, Any], path: Path) -> None
     """Write a checkpoint into folder ``path``; its progress last, so that one without it is known to be cut short."""
     path.mkdir(parents=True, exist_ok=True)
     state_file.save(algorithm.get_state(), path / STATE)
-    with open(path / PROGRESS, "w") as file:
+    (path / PROGRESS).unlink(missing_ok=True)
+    with open(path / PROGRESS, "x") as file:
         json.dump(progress, file, indent=1)
         file.flush()
         os.fsync(file.fileno())

@@ -23,7 +23,7 @@ from freemesh_ray.config import ConfigError, dump, flatten
 from freemesh_ray.config import load as load_config
 from freemesh_ray.policies.evaluation import MODES, metric
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.storage.atomic import OutputError, replacing
+from freemesh_ray.storage.atomic import OutputError, refusing_links, replacing
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.loop import Algorithm, Progress, Status, Training
@@ -169,7 +169,7 @@ def started(make: Callable[[Mapping[str, Any]], Algorithm], config: Mapping[str,
 
 def _write_down(folder: RunFolder, error: Exception) -> None:
     """Append the whole story of a failure to the run's log of failures, as far as the disk takes it."""
-    with suppress(OSError), open(folder.failures, "a") as file:
+    with suppress(OSError), open(folder.failures, "a", opener=refusing_links) as file:
         file.write(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC\n{''.join(traceback.format_exception(error))}\n")
 
 

@@ -19,7 +19,7 @@ from envs.domains.load import source
 from freemesh_ray.config import ALGORITHMS, meshing_parameters
 from freemesh_ray.policies.evaluation import COMPLETION, MODES, RETURN, metric
 from freemesh_ray.policies.policy import Policy
-from freemesh_ray.storage.atomic import OutputError
+from freemesh_ray.storage.atomic import OutputError, refusing_links
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.training import checkpoint, metrics
@@ -326,7 +326,7 @@ class Training:
     def _append(self, row: dict[str, Any]) -> None:
         path = self.folder.evaluations
         try:
-            with open(path, "a") as file:
+            with open(path, "a", opener=refusing_links) as file:
                 file.write(json.dumps(row) + "\n")
         except OSError as error:
             raise OutputError(f"{path}: cannot be written ({error.strerror}): make room, then --resume") from error

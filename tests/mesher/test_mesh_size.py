@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tracemalloc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from traced_memory import little_memory
 
 import freemesh_ray
 from envs.domains.load import from_object, load, load_all
@@ -18,8 +17,9 @@ from envs.errors import UserError
 from envs.polygons.mesh_size import MOST_ELEMENTS, check_elements, expected_in_domain, expected_in_rings
 from envs.types import Domain
 from freemesh_ray.cli import command
-from freemesh_ray.mesher import memory, mesh_domain, meshing
+from freemesh_ray.mesher import mesh_domain, meshing
 from freemesh_ray.policies.policy import SHIPPED, Policy
+from freemesh_ray.storage import free_memory
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 #: 6,250,000 squares, by 10,000 boundary segments.
@@ -31,16 +31,6 @@ def divided_square(*counts: int) -> Domain:
     sides = [a + (b - a) * np.linspace(0, 1, n, endpoint=False)[:, None]
              for a, b, n in zip(SQUARE, np.roll(SQUARE, -1, axis=0), counts, strict=True)]  # fmt: skip
     return from_object(np.concatenate(sides))[0]
-
-
-@contextmanager
-def little_memory(most: int = 5_000_000) -> Iterator[None]:
-    tracemalloc.start()
-    try:
-        yield
-        assert tracemalloc.get_traced_memory()[1] < most
-    finally:
-        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("density", SHIPPED)
@@ -69,7 +59,7 @@ def test_the_expectation_before_the_boundary_is_split_is_the_one_after(scale: fl
 @pytest.mark.parametrize("edge_length", [SMALL, 4e-6, 1e-300])
 def test_python_refuses_before_memory_is_taken(edge_length: float, monkeypatch: pytest.MonkeyPatch) -> None:
     freemesh_ray.mesh(SQUARE, edge_length=0.2)
-    with pytest.raises(UserError, match=r"polygon: .*edge_length") as error, little_memory():
+    with pytest.raises(UserError, match=r"polygon: .*edge_length") as error, little_memory(5_000_000):
         freemesh_ray.mesh(SQUARE, edge_length=edge_length)
     assert "\n" not in str(error.value)
 
@@ -77,7 +67,10 @@ def test_python_refuses_before_memory_is_taken(edge_length: float, monkeypatch: 
 def test_a_boundary_given_in_full_is_counted_too(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = from_object(SQUARE, edge_length=SMALL, allow_large=True)[0]
     monkeypatch.setattr(meshing, "mesh_once", lambda *_: pytest.fail("begun"))
-    with pytest.raises(UserError, match=r"polygon: a mesh of about 6,25\d,\d{3} elements.*--yes"), little_memory():
+    with (
+        pytest.raises(UserError, match=r"polygon: a mesh of about 6,25\d,\d{3} elements.*--yes"),
+        little_memory(5_000_000),
+    ):
         mesh_domain(Policy.load(SHIPPED["medium"]), domain)
 
 
@@ -94,7 +87,7 @@ def test_what_is_asked_for_is_made(ask: Callable[[], object], monkeypatch: pytes
 
     monkeypatch.chdir(tmp_path)
     Path("square.wkt").write_text("POLYGON ((0 0, 1 0, 1 1, 0 1, 0 0))")
-    monkeypatch.setattr(memory, "available", lambda: 1e12)
+    monkeypatch.setattr(free_memory, "available", lambda: 1e12)
     monkeypatch.setattr(meshing, "mesh_once", begun)
     with pytest.raises(BegunError):
         ask()
@@ -105,7 +98,7 @@ def test_the_command_tells_the_size_and_begins_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("square.wkt").write_text("POLYGON ((0 0, 1 0, 1 1, 0 1, 0 0))")
-    with little_memory():
+    with little_memory(5_000_000):
         assert command.main(["mesh", "square.wkt", "--edge-length", str(SMALL), "-o", "square.obj"]) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -125,26 +118,11 @@ def test_polygons_of_a_file_are_counted_one_by_one(tmp_path: Path) -> None:
 def test_no_mesh_is_begun_that_memory_has_no_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = divided_square(10, 10, 10, 10)
     policy = Policy.load(SHIPPED["medium"])
-    monkeypatch.setattr(memory, "available", lambda: 1e9)
+    monkeypatch.setattr(free_memory, "available", lambda: 1e9)
     mesh_domain(policy, domain)
-    monkeypatch.setattr(memory, "available", lambda: 1e5)
-    with pytest.raises(UserError, match=r"polygon: .* GB are free; use a larger"):
+    monkeypatch.setattr(free_memory, "available", lambda: 1e5)
+    with pytest.raises(UserError, match=r"polygon: a mesh of about 120 elements takes .* GB are free: use a larger"):
         mesh_domain(policy, domain, allow_large=True)
-
-
-def test_free_memory_is_the_machines_or_the_containers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert 1e7 < memory.of_machine() < 1e15
-    monkeypatch.setattr(memory, "CONTAINER", tmp_path)
-    assert memory.of_container() == np.inf
-    for name, text in (
-        ("max", "3000\n"),
-        ("current", "2000\n"),
-        ("stat", "anon 5\ninactive_file 700\nactive_file 9\n"),
-    ):
-        (tmp_path / f"memory.{name}").write_text(text)
-    assert memory.available() == memory.of_container() == 1700
-    (tmp_path / "memory.max").write_text("max\n")
-    assert memory.available() == memory.of_machine() > 1700
 
 
 def test_at_the_limit() -> None:

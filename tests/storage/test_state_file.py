@@ -14,8 +14,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from traced_memory import little_memory
 
-from freemesh_ray.storage import state_file
+from freemesh_ray.storage import free_memory, state_file
+from freemesh_ray.storage.array_archive import read_arrays
 from freemesh_ray.storage.state_file import StateFileError
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
@@ -121,3 +123,72 @@ def test_pickles_in_it_are_not_run(tmp_path: Path) -> None:
     with pytest.raises(StateFileError, match="neither numbers nor text"):
         state_file.load(path)
     assert not mark.exists()
+
+
+def archive_of(path: Path, tree: bytes, packed: bool = False) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED) as archive:
+        archive.writestr(state_file.TREE, tree)
+    return path
+
+
+def test_a_tree_that_unpacks_to_gigabytes_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "bomb"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open(state_file.TREE, "w") as entry:
+        for _ in range(300):
+            entry.write(b" " * 1_000_000)
+        entry.write(b"0")
+    assert path.stat().st_size < 1_000_000
+    with little_memory(3_000_000), pytest.raises(StateFileError, match=r"bomb: damaged \(.*unpacked"):
+        state_file.load(path)
+
+
+@pytest.mark.parametrize(("tree", "words"), [
+    (b" " * state_file.MOST_TREE + b"0", "more than 4,000,000 bytes"),
+    (b"[" * 100_000 + b"]" * 100_000, "recursion"),
+    (json.dumps({"dict": [[i * (2**61 - 1), 0] for i in range(50_000)]}).encode(), "dict of more than 10,000 entries"),
+    (b"9" * 10_000, "digits"),
+    (b'{"array": 3}', "3"),
+    (b'{"dict": [[[], 1]]}', "unhashable"),
+    (b'{"tuple": 3}', "not iterable"),
+    (b"{}", "unpack"),
+])  # fmt: skip
+def test_trees_made_to_harm_are_damaged_ones(tmp_path: Path, tree: bytes, words: str) -> None:
+    with little_memory(250_000_000), pytest.raises(StateFileError, match=f"(?s)damaged .*{words}") as error:
+        state_file.load(archive_of(tmp_path / "evil", tree))
+    assert "\n" not in str(error.value)
+
+
+def test_a_tree_of_lists_takes_a_bounded_multiple_of_its_bytes(tmp_path: Path) -> None:
+    path = archive_of(tmp_path / "lists", b"[" + b"[]," * 1_300_000 + b"[]]")
+    with little_memory(100 * path.stat().st_size):
+        assert len(state_file.load(path)) == 1_300_001
+
+
+def test_packed_and_overlapping_members_are_refused(tmp_path: Path, whole: bytes) -> None:
+    with pytest.raises(StateFileError, match="packed"):
+        state_file.load(archive_of(tmp_path / "packed", json.dumps("text" * 5).encode(), packed=True))
+    # The directory's entries of the arrays are given tenfold: the same bytes stand for ten arrays.
+    with zipfile.ZipFile(tmp_path / "twice", "w") as archive:
+        archive.writestr(state_file.TREE, "0")
+        archive.writestr("0.npy", b"x" * 10_000)
+        (entry,) = (member for member in archive.infolist() if member.filename == "0.npy")
+        archive.filelist += [entry] * 9
+    with pytest.raises(StateFileError, match="unpacked"):
+        state_file.load(tmp_path / "twice")
+
+
+def test_a_directory_of_a_million_members_is_refused_unread(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "many", "w") as archive:
+        archive.writestr(state_file.TREE, "0")
+        archive.writestr("0.npy", b"")
+        archive.filelist += archive.filelist[-1:] * 100_000
+    with little_memory(3_000_000), pytest.raises(StateFileError, match="directory"):
+        state_file.load(tmp_path / "many")
+    with little_memory(3_000_000), pytest.raises(ValueError, match="directory"):
+        read_arrays(tmp_path / "many")
+
+
+def test_memory_that_is_short_is_no_damage(tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_memory, "available", lambda: 100.0)
+    with pytest.raises(free_memory.MemoryShortError, match=r"tree: it takes .* GB of memory"):
+        state_file.load(tmp_path / "tree")

@@ -1,14 +1,16 @@
-"""Whether a mesh has room in memory, asked before any of it is taken."""
+"""How much memory is still to be had: asked before what a file or a mesh needs is taken."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
 
-from envs.types import DomainError
+from envs.errors import UserError
 
-#: Bytes that a mesh takes for each expected element, from its front to its finish (measured: 290 to 1200).
-BYTES_PER_ELEMENT = 1500
+
+class MemoryShortError(UserError):
+    """Something that memory has no room for; one line with its name and what it takes."""
+
 
 MACHINE = Path("/proc/meminfo")
 #: What a container may take and has taken (version 2 of Linux's control groups); there are none outside of one.
@@ -41,19 +43,19 @@ def of_container() -> float:
         return math.inf
 
 
-def check_memory(expected: float, source: str) -> None:
-    """Refuse a mesh that memory has no room for.
+def check(needed: float, source: str, fix: str = "free some, or go on where there is more") -> None:
+    """Refuse what memory has no room for.
 
     Args:
-        expected: elements, as `envs.polygons.mesh_size` expects them.
+        needed: bytes.
         source: what the message begins with.
+        fix: what it ends with.
 
     Raises:
-        DomainError: as said.
+        MemoryShortError: as said.
     """
-    needed, there = expected * BYTES_PER_ELEMENT, available()
+    there = available()
     if needed > there:
-        raise DomainError(
-            f"{source}: a mesh of about {expected:.3g} elements takes about {needed / 1e9:.3g} GB of memory, "
-            f"{there / 1e9:.3g} GB are free; use a larger edge length"
+        raise MemoryShortError(
+            f"{source} takes {needed / 1e9:,.3g} GB of memory, {there / 1e9:,.3g} GB are free: {fix}"
         )
