@@ -8,6 +8,7 @@ from typing import Any
 
 from envs.errors import UserError
 from freemesh_ray.cli.arguments import add_command, add_settings
+from freemesh_ray.formatting.terminal import say
 
 
 def add(commands: Any) -> None:
@@ -50,5 +51,5 @@ def run(options: argparse.Namespace) -> int:
         also=StudyFolder(folder).run_folders(),
         elsewhere=options.uri is not None,
     )
-    print(f"delivered {count} entries of {options.folder}" if count else f"{options.folder}: nothing to deliver")
+    say(f"delivered {count} entries of {options.folder}" if count else f"{options.folder}: nothing to deliver")
     return 0

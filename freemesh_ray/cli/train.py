@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from freemesh_ray.cli.arguments import add_command, add_settings
+from freemesh_ray.formatting.terminal import say
 
 if TYPE_CHECKING:
     from freemesh_ray.training.job import TrainingResult
@@ -71,16 +72,21 @@ def run(options: argparse.Namespace) -> int:
         from freemesh_ray.algorithms.build import build
 
         stop = StopSignal()
-        result = train(
-            settings,
-            resume=options.resume,
-            make=build,
-            report=progress.show,
-            note=progress.note,
-            interrupted=stop.was_given,
-        )
+        try:
+            result = train(
+                settings,
+                resume=options.resume,
+                make=build,
+                report=progress.show,
+                note=progress.note,
+                interrupted=lambda: stop.was_given() or progress.lost is not None,
+            )
+        except KeyboardInterrupt:
+            if progress.lost is not None:
+                raise progress.lost from None
+            raise
     progress.finish()
-    print(train_table(result, settings))
+    say(train_table(result, settings))
     return 0
 
 

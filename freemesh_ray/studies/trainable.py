@@ -15,6 +15,7 @@ from ray import tune
 
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.json_file import read_json
 from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.tracking import MLflowRun
@@ -30,8 +31,8 @@ FINISHED = "finished.json"
 def finished(folder: RunFolder) -> dict[str, Any] | None:
     """The last figures of a training that came to its end; None where it did not, or where they are damaged."""
     try:
-        figures = json.loads((folder.path / FINISHED).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        figures = read_json(folder.path / FINISHED)
+    except (OSError, ValueError):
         return None
     return figures if isinstance(figures, dict) else None
 
@@ -97,7 +98,7 @@ class TrialTrainable(tune.Trainable):
         algorithm = make(trial.config)
         self._training = Training(algorithm, trial.config, trial.folder, self._run)
         with replacing(trial.folder.config) as draft:
-            draft.write_text(dump(trial.config))
+            draft.write_text(dump(trial.config), encoding="utf-8")
         self._run.artifact(trial.folder.config)
         self._drawn = {f"setting/{key}": value for key, value in trial.drawn.items() if isinstance(value, int | float)}
 
@@ -118,7 +119,7 @@ class TrialTrainable(tune.Trainable):
             if training.done():
                 conclude(training)
                 with replacing(training.folder.path / FINISHED) as draft:
-                    draft.write_text(json.dumps(figures))
+                    draft.write_text(json.dumps(figures), encoding="utf-8")
                 self._run.close()
                 self.lock.close()
         except Exception:
