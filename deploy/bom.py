@@ -1,7 +1,7 @@
 """What is installed where this runs, as a CycloneDX bill of materials: ``python deploy/bom.py > bom.json``.
 
-In an image: ``docker run --rm --entrypoint python --volume "$PWD/deploy/bom.py:/bom.py:ro" IMAGE /bom.py > bom.json``.
-It needs Python's standard library alone, and says the same each time.
+In an image: ``docker run --rm --volume "$PWD/deploy/bom.py:/bom.py:ro" IMAGE python /bom.py > bom.json``. It needs
+Python's standard library alone, and says the same each time.
 """
 
 from __future__ import annotations
