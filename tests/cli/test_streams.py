@@ -91,6 +91,28 @@ def test_a_full_device_is_one_line(command: str, tmp_path: Path) -> None:
         assert ran(["mesh", "nowhere.json", "-o", "x.obj"], tmp_path, stderr=full).returncode == 2
 
 
+LOST = """
+import os, sys
+from freemesh_ray.formatting.terminal import OutputLostError, prepare, say
+prepare()
+try:
+    say("first")
+except OutputLostError as lost:
+    say("second")
+    print("third", flush=True)
+    os.write(2, f"{lost.reason}: {lost.exit_code}".encode())
+"""
+
+
+def test_once_it_is_lost_what_is_printed_goes_nowhere(tmp_path: Path) -> None:
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", LOST], stdout=full, stderr=subprocess.PIPE, timeout=60, check=False,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, b"No space left on device: 1")
+
+
 def test_closed_streams_are_none(tmp_path: Path) -> None:
     line = [sys.executable, "-m", "freemesh_ray", "mesh", "D4", "-o", "d4.obj"]
     for closed in (">&-", ">&- 2>&-"):

@@ -193,7 +193,7 @@ WAYS = {
     "csv.writer": {"freemesh_ray/formatting/csv_text.py"},
     "csv.DictWriter": set(),
     "html.escape": set(),
-    "print": {"freemesh_ray/local_ray.py"},
+    "print": {"freemesh_ray/local_ray.py", "freemesh_ray/local_ray/start.py"},
 }
 
 
