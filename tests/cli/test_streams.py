@@ -140,7 +140,7 @@ def test_names_that_are_no_text(command: str, tmp_path: Path) -> None:
     elif command in ("compare", "paper"):  # what they mesh, they show
         assert done.returncode == 0
     else:
-        assert done.returncode == (1 if command == "sync" else 2)
+        assert done.returncode == 2
         assert shown.count(b"\n") == 1, shown.decode()
 
 
