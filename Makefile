@@ -9,6 +9,8 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BUDGET ?= default
 CORES := $(shell nproc 2> /dev/null || echo 2)
 BIN := .venv/bin
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 # A worker takes whole files, so that what a file sets up is set up once.
 PYTEST := $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
 
@@ -31,13 +33,14 @@ quick: lint
 test: lint
 	$(PYTEST)
 
-# torch first, by its exact pin: what asks for it later is then content with the CPU build.
-.venv/.installed: requirements.lock pyproject.toml
+# torch first, from PyTorch's index of builds without CUDA; every other package comes from the index that pip is set to.
+.venv/.installed: requirements.lock requirements-dev.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "freemesh-ray needs Python 3.11 or newer: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check torch==2.13.0
-	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements.lock
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	sed -n '/^torch==/,/[^\\]$$/p' requirements.lock > .venv/torch.lock
+	$(PIP) --no-deps --require-hashes --retries 2 --extra-index-url $(TORCH_INDEX) --requirement .venv/torch.lock
+	$(PIP) --require-hashes --requirement requirements.lock --requirement requirements-dev.lock
+	$(PIP) --no-deps --no-build-isolation --editable .
 	$(BIN)/freemesh compile
 	touch $@
 

@@ -33,6 +33,7 @@ from envs.polygons.rings import (
     segment_graph,
 )
 from envs.polygons.sizing import check_sizes
+from envs.printable import printable
 from envs.types import Domain, DomainError, Floats
 
 
@@ -62,6 +63,7 @@ def domains_of(
         DomainError: the first polygon that cannot be meshed, with its number when there are several.
     """
     check_sizes(edge_length, grading, source)
+    name = printable(name)
     names, sources = [name], [source]
     if len(polygons) > 1:
         names = [f"{name}[{i}]" for i in range(len(polygons))]

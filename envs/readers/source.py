@@ -5,6 +5,7 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
+from envs.printable import printable
 from envs.types import DomainError
 
 
@@ -38,7 +39,7 @@ def excerpt(text: str, most: int = 60) -> str:
     terminal) as its code.
     """
     beginning = text if len(text) <= most else f"{text[: most - 3]}..."
-    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in beginning)
+    return printable(beginning)
 
 
 def text_of(path: Path) -> str:

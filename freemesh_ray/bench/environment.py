@@ -11,6 +11,7 @@ from envs.domains.load import from_rings
 from envs.mdp.episodes import Episodes
 from envs.types import Domain, MeshingParameters
 from freemesh_ray.formatting.table import table
+from freemesh_ray.formatting.terminal import say
 
 FRONTS = (50, 100, 200, 400, 800, 1600)
 BATCH = 64
@@ -92,5 +93,5 @@ def run(seconds: float) -> None:
         speeds.append(valid)
         rows.append([str(len(domain.ring)), f"{valid:,.0f}", f"{drawn:,.0f}"])
     growth = np.polyfit(np.log(FRONTS), -np.log(speeds), 1)[0]
-    print(f"environment, one core, batch of {BATCH}: env steps a second (a step's cost grows as front^{growth:.2f})")
-    print(table(["front vertices", "valid actions", "random actions"], rows))
+    say(f"environment, one core, batch of {BATCH}: env steps a second (a step's cost grows as front^{growth:.2f})")
+    say(table(["front vertices", "valid actions", "random actions"], rows))

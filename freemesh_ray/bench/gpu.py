@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
 import numpy as np
 
 from freemesh_ray.formatting.table import table
+from freemesh_ray.formatting.terminal import note, say
 
 OBSERVATION, ACTION = 15, 3
 BATCHES = (256, 1_024, 4_096, 16_384, 65_536)
@@ -77,10 +77,10 @@ def run(seconds: float) -> None:
             speeds = [updates_per_second(device, batch, count, seconds) for device in devices]
             ratio = [f"{speeds[1] / speeds[0]:.2f}"] if len(speeds) > 1 else []
             rows.append([f"{batch:,}", str(count), *(f"{speed:,.1f}" for speed in speeds), *ratio])
-            print(f"batch {batch:,}, {count} a call: done", file=sys.stderr, flush=True)
-    print("learner: updates a second, one CPU thread")
-    print(table(["batch", "updates a call", *devices, *(["cuda / cpu"] if len(devices) > 1 else [])], rows))
+            note(f"batch {batch:,}, {count} a call: done")
+    say("learner: updates a second, one CPU thread")
+    say(table(["batch", "updates a call", *devices, *(["cuda / cpu"] if len(devices) > 1 else [])], rows))
     if len(devices) > 1:
-        print(f"CUDA device: {torch.cuda.get_device_name(0)}")
+        say(f"CUDA device: {torch.cuda.get_device_name(0)}")
     else:
-        print("no CUDA device here: nothing was measured on one")
+        say("no CUDA device here: nothing was measured on one")

@@ -8,6 +8,7 @@ import numpy as np
 
 from freemesh_ray.bench.trainings import DOMAIN, RATIO, algorithm, stable_baselines
 from freemesh_ray.formatting.table import table
+from freemesh_ray.formatting.terminal import say
 from freemesh_ray.local_ray import local_ray
 
 
@@ -49,5 +50,5 @@ def run(seconds: float) -> None:
         pairs = [(our_updates_per_second(seconds), their_updates_per_second(seconds)) for _ in range(3)]
     rows = [[f"run {i + 1}", f"{a:.0f}", f"{b:.0f}", f"{a / b:.2f}"] for i, (a, b) in enumerate(pairs)]
     ratio = float(np.median([a / b for a, b in pairs]))
-    print(f"learner, one thread, {DOMAIN}, {RATIO} updates a step: updates a second (median ratio {ratio:.2f})")
-    print(table(["", "freemesh-ray", "Stable-Baselines3", "ratio"], rows))
+    say(f"learner, one thread, {DOMAIN}, {RATIO} updates a step: updates a second (median ratio {ratio:.2f})")
+    say(table(["", "freemesh-ray", "Stable-Baselines3", "ratio"], rows))

@@ -9,6 +9,7 @@ from envs.domains.random_domain import circle
 from envs.types import Domain
 from freemesh_ray.bench.environment import cross
 from freemesh_ray.formatting.table import table
+from freemesh_ray.formatting.terminal import say
 from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import Policy
 
@@ -38,5 +39,5 @@ def run(policy: Policy) -> None:
             ]
         )  # fmt: skip
     growth = np.polyfit(np.log(sizes), np.log(times), 1)[0]
-    print(f"mesher, one core (time grows as elements^{growth:.2f})")
-    print(table(["domain", "elements", "raw, elements/s", "finished", "attempts", "backtracks", "filled"], rows))
+    say(f"mesher, one core (time grows as elements^{growth:.2f})")
+    say(table(["domain", "elements", "raw, elements/s", "finished", "attempts", "backtracks", "filled"], rows))

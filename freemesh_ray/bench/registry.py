@@ -8,6 +8,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from freemesh_ray.formatting.terminal import say
+
 if TYPE_CHECKING:
     from freemesh_ray.policies.policy import Policy
 
@@ -58,8 +60,8 @@ def run(names: Sequence[str], *, seconds: float, policy: Policy) -> None:
     for name in names or (name for name, one in BENCHMARKS.items() if one.default):
         benchmark = BENCHMARKS[name]
         if benchmark.package and find_spec(benchmark.package) is None:
-            print(f"{name}: skipped: {benchmark.package} is not installed (pip install {benchmark.package})")
+            say(f"{name}: skipped: {benchmark.package} is not installed (pip install {benchmark.package})")
         else:
             measure = import_module(f"freemesh_ray.bench.{benchmark.module}").run
             measure(**{key: arguments[key] for key in benchmark.takes})
-        print(flush=True)
+        say()

@@ -6,6 +6,7 @@ import time
 
 from freemesh_ray.bench.trainings import ENVS, algorithm
 from freemesh_ray.formatting.table import table
+from freemesh_ray.formatting.terminal import say
 from freemesh_ray.local_ray import local_ray
 
 FRAGMENTS = (8, 64, 256)
@@ -30,5 +31,5 @@ def run(seconds: float) -> None:
                 speeds.append(count / (time.perf_counter() - began))
             algo.stop()
         rows.append([str(runners), *(f"{speed:,.0f}" for speed in speeds)])
-    print(f"sampling, {ENVS} environments a runner: transitions a second, to the learner's process")
-    print(table(["env runners", *(f"{steps} steps a round" for steps in FRAGMENTS)], rows))
+    say(f"sampling, {ENVS} environments a runner: transitions a second, to the learner's process")
+    say(table(["env runners", *(f"{steps} steps a round" for steps in FRAGMENTS)], rows))

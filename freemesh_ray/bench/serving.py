@@ -20,6 +20,7 @@ import numpy as np
 from envs.domains.load import load
 from envs.types import Domain
 from freemesh_ray.formatting.table import number, table
+from freemesh_ray.formatting.terminal import say
 from freemesh_ray.local_ray.processes import children, command_line
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.limits import Limits
@@ -111,10 +112,10 @@ def run(policy: Policy, seconds: float) -> None:
                 rows += [measured(port, body, name, replicas, count, seconds) for count in CLIENTS]
             if replicas == KILLED_REPLICAS:
                 killed = after_a_kill(port, geojson(load(DOMAINS[0])))
-    print(f"serving on loopback, {seconds:g} s each; clients, service and meshers share {os.cpu_count()} cores")
+    say(f"serving on loopback, {seconds:g} s each; clients, service and meshers share {os.cpu_count()} cores")
     header = ["polygon", "replicas", "clients", "meshes/s", "p50, ms", "p95, ms", "p99, ms", "errors"]
-    print(table(header, rows))
-    print(killed)
+    say(table(header, rows))
+    say(killed)
 
 
 def measured(port: int, body: bytes, name: str, replicas: int, count: int, seconds: float) -> list[str]:

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from typing import Any, NoReturn
 
 from envs.errors import BAD_INPUT
+from envs.printable import printable
+from freemesh_ray.formatting import terminal
 
 
 class Parser(argparse.ArgumentParser):
@@ -16,7 +18,11 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with the line and exit code 2."""
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(BAD_INPUT, f"{self.prog}: {printable(message)}; see {self.prog} --help\n")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if message:
+            terminal.write(file or sys.stderr, message)
 
 
 def add_command(commands: Any, name: str, brief: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
@@ -83,8 +89,3 @@ def below(limit: float, meaning: str) -> Callable[[str], float]:
 
 positive = below(math.inf, "a number above 0")
 seconds = below(86_400.0, "a number of seconds above 0, below a day")
-
-
-def note(line: str) -> None:
-    """A line of progress, on stderr: stdout has results alone."""
-    print(line, file=sys.stderr, flush=True)

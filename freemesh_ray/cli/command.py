@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +14,8 @@ from types import FrameType
 from envs.errors import INTERRUPTED, UserError
 from freemesh_ray.cli import bench, compare, compile, domains, mesh, paper, report, serve, study, submit, sync, train
 from freemesh_ray.cli.arguments import Parser
+from freemesh_ray.formatting import terminal
+from freemesh_ray.formatting.terminal import OutputLostError, note
 from freemesh_ray.local_ray import environment as ray_environment
 
 # One thread a process: on few cores, processes that each start a thread a core slow each other down many times over.
@@ -50,17 +51,22 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
-    options = parser().parse_args(arguments)
-    if options.command != "submit":  # which talks to somebody else's Ray
-        ray_environment()
+    terminal.prepare()
     try:
+        options = parser().parse_args(arguments)
+        if options.command != "submit":  # which talks to somebody else's Ray
+            ray_environment()
         with _ended_by_sigterm():
             return COMMANDS[options.command].run(options)
     except UserError as error:
-        print(f"freemesh: {error}", file=sys.stderr)
+        note(f"freemesh: {error}")
         return error.exit_code
+    except OutputLostError as lost:
+        if lost.reason:
+            note(f"freemesh: standard output cannot be written ({lost.reason}): send it elsewhere")
+        return lost.exit_code
     except KeyboardInterrupt:
-        print("freemesh: interrupted", file=sys.stderr)
+        note("freemesh: interrupted")
         return INTERRUPTED
 
 

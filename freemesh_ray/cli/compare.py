@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, note
+from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy
 from freemesh_ray.compare.peers import PACKAGES, PEERS
+from freemesh_ray.formatting.terminal import note, say
 
 #: What stands for no policy, or no peers.
 NONE = "none"
@@ -79,9 +80,9 @@ def run(options: argparse.Namespace) -> int:
     if not columns:
         raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
     done = compare(domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures)
-    note("")
-    print(report.summary([row for entry in done for row in entry.rows]))
-    note("")
+    note()
+    say(report.summary([row for entry in done for row in entry.rows]))
+    note()
     if folder is None:
         note("all metrics and pictures: --out FOLDER")
     else:

@@ -9,6 +9,7 @@ from typing import Any
 
 from freemesh_ray.cli.arguments import add_command
 from freemesh_ray.cli.progress_line import CompilingLine
+from freemesh_ray.formatting.terminal import say
 
 
 def add(commands: Any) -> None:
@@ -34,13 +35,13 @@ def run(options: argparse.Namespace) -> int:
     began = time.process_time()
     wanted = missing(kernel for kernel in kernels() if not isinstance(kernel, InnerKernel))
     if not wanted:
-        print("all kernels are compiled")
+        say("all kernels are compiled")
         return 0
     with compiling(wanted, CompilingLine(sys.stdout).show):
         rehearse(Policy.load(DEFAULT))
         rehearse_filling()
         rehearse_training()
-    print(f"all kernels are compiled, in {time.process_time() - began:.0f} s of processor time")
+    say(f"all kernels are compiled, in {time.process_time() - began:.0f} s of processor time")
     return 0
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from freemesh_ray.cli.arguments import add_command
+from freemesh_ray.formatting.terminal import say
 
 if TYPE_CHECKING:
     from envs.types import Domain
@@ -21,7 +22,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the catalogue."""
     from envs.domains.load import catalogue, load
 
-    print(domain_table([load(name) for name in catalogue()]))
+    say(domain_table([load(name) for name in catalogue()]))
     return 0
 
 

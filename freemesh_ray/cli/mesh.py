@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from envs.readers.formats import FORMATS as READ
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
+from freemesh_ray.formatting.terminal import note, paths, say
 
 if TYPE_CHECKING:
     from freemesh_ray.mesher.api import Mesh
@@ -106,16 +107,15 @@ def run(options: argparse.Namespace) -> int:
     wishes["allow_large"] = options.yes
     for i, domain in enumerate(domains):
         mesh = Mesh.from_domain(domain, policy, **wishes)
-        paths = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
-        for path in paths:
+        written = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
+        for path in written:
             mesh.write(path, version=options.msh_version, quadratic=options.quadratic)
         figures = mesh.quality()
-        print(mesh_line(mesh, figures, paths))
+        say(mesh_line(mesh, figures, written))
         if options.edge_length is None and figures["eta"] < POOR:
-            print(
+            note(
                 f"{domain.name}: the {len(domain.segments)} boundary segments are coarse or uneven; "
-                "--edge-length L splits them evenly",
-                file=sys.stderr,
+                "--edge-length L splits them evenly"
             )
     return 0
 
@@ -140,7 +140,7 @@ def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path])
     line = (
         f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
         f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "
-        f"{figures['singularity']:.0f} irregular nodes -> {', '.join(map(str, outputs))}"
+        f"{figures['singularity']:.0f} irregular nodes -> {paths(outputs)}"
     )
     helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
     if made.backtracks:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.cli.arguments import add_command, note, whole
+from freemesh_ray.cli.arguments import add_command, whole
 from freemesh_ray.cli.compare import peer_names
+from freemesh_ray.formatting.terminal import note, say
 
 TABLES = ("scalability", "generalisation", "quality", "observation", "density")
 
@@ -66,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     if path is not None:
         with replacing(path) as draft:
             draft.write_text(made, encoding="utf-8")
-    print(made, end="")
+    say(made, end="")
     if path is not None:
         note(f"written: {path}")
     return 0
@@ -97,7 +98,7 @@ def quality(options: argparse.Namespace) -> str:
     columns = [*meshers.installed_peers(options.peers, note), *files, meshers.ours(maker(options))]
     folder = Path(options.out) if options.out else None
     done = compare(found, columns, folder, lambda row: note(report.line(row)))
-    note("")
+    note()
     return quality(done)
 
 

@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, TextIO
 
 from freemesh_ray.formatting.table import duration, number
+from freemesh_ray.formatting.terminal import OutputLostError, shown, write
 
 if TYPE_CHECKING:
     from freemesh_ray.training.loop import Status
@@ -17,9 +18,14 @@ LOG_INTERVAL = 15.0
 
 
 class ProgressLine:
-    """One line that is overwritten on a terminal, and written anew now and then elsewhere."""
+    """One line that is overwritten on a terminal, and written anew now and then elsewhere.
+
+    Attributes:
+        lost: why nothing can be shown any more; None while it can.
+    """
 
     def __init__(self, stream: TextIO) -> None:
+        self.lost: OutputLostError | None = None
         self._stream = stream
         self._live = stream.isatty()
         self._width = 0
@@ -35,24 +41,29 @@ class ProgressLine:
         if self._live:
             # A line that wraps could not be overwritten.
             line = line[: shutil.get_terminal_size().columns - 1]
-            self._stream.write("\r" + line.ljust(self._width))
+            self._write("\r" + line.ljust(self._width))
             self._width = len(line)
         elif time.monotonic() - self._last >= LOG_INTERVAL:
-            self._stream.write(line + "\n")
+            self._write(line + "\n")
             self._last = time.monotonic()
-        self._stream.flush()
 
     def note(self, text: str) -> None:
         """A line that stays."""
         self.finish()
-        self._stream.write(text + "\n")
-        self._stream.flush()
+        self._write(shown(text) + "\n")
 
     def finish(self) -> None:
         """End the live line."""
         if self._live and self._width:
-            self._stream.write("\r" + " " * self._width + "\r")
+            self._write("\r" + " " * self._width + "\r")
             self._width = 0
+
+    def _write(self, text: str) -> None:
+        """Write; that it cannot be written does not end a training in the middle of an iteration."""
+        try:
+            write(self._stream, text)
+        except OutputLostError as lost:
+            self.lost = lost
 
 
 class CompilingLine:
@@ -72,11 +83,10 @@ class CompilingLine:
     def show(self, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` kernels are compiled."""
         if done == 0 and self._notice:
-            self._stream.write(self._notice + "\n")
+            write(self._stream, self._notice + "\n")
         line = f"compiling kernels: {done} of {total}"
         if self._stream.isatty():
-            self._stream.write("\r" + line + ("\n" if done == total else ""))
+            write(self._stream, "\r" + line + ("\n" if done == total else ""))
         elif done * self.PARTS >= total * (self._part + 1):
             self._part = done * self.PARTS // total
-            self._stream.write(line + "\n")
-        self._stream.flush()
+            write(self._stream, line + "\n")

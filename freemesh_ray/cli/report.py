@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.cli.arguments import add_command, note, whole
+from freemesh_ray.cli.arguments import add_command, whole
 from freemesh_ray.config.paths import Paths, shown
+from freemesh_ray.formatting.terminal import note, paths, say
 from freemesh_ray.report import EPISODES
 
 EPILOG = """\
@@ -48,5 +49,5 @@ def run(options: argparse.Namespace) -> int:
     folder = Paths.from_environment().home / options.studies / options.study
     path = write(folder, out=out, docs=docs, episodes=options.episodes, note=note)
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
-        print(shown(file))
+        say(paths([shown(file)]))
     return 0

@@ -8,6 +8,7 @@ import signal
 from typing import Any
 
 from freemesh_ray.cli.arguments import add_command, add_policy, positive, seconds, whole
+from freemesh_ray.formatting.terminal import say
 
 #: The environment variable with the bearer token.
 TOKEN = "FREEMESH_SERVE_TOKEN"
@@ -106,4 +107,4 @@ def _tell(options: argparse.Namespace, guarded: bool) -> None:
     host = f"[{options.host}]" if ":" in options.host else options.host
     url = f"http://{host}:{options.port}"
     header = f'-H "Authorization: Bearer ${TOKEN}" ' if guarded else ""
-    print(f"{url}  curl {header}--data-binary @part.geojson '{url}/mesh?edge_length=0.1'", flush=True)
+    say(f"{url}  curl {header}--data-binary @part.geojson '{url}/mesh?edge_length=0.1'")

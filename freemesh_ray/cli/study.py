@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import sys
 from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from freemesh_ray.cli.arguments import add_command, add_settings
 from freemesh_ray.config.paths import pasted
 from freemesh_ray.formatting.table import table
+from freemesh_ray.formatting.terminal import note, say
 from freemesh_ray.tracking import browsing
 
 if TYPE_CHECKING:
@@ -57,12 +57,12 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.studies.definition import load, shipped
 
     if options.study is None:
-        print(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()], left=(0, 2)))
+        say(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()], left=(0, 2)))
         return 0
     study = load(options.study, options.set, smoke=options.smoke)
     check(study)
     if options.dry_run:
-        print(_trials(study))
+        say(_trials(study))
         return 0
 
     from freemesh_ray.local_ray import local_ray
@@ -79,15 +79,15 @@ def run(options: argparse.Namespace) -> int:
         def report(folder: Path) -> list[Path]:
             return sorted(write(folder).parent.iterdir())
 
-        print(_opening(study), flush=True)
+        say(_opening(study))
         try:
             result = run_study(study, resume=options.resume, make=build, report=report)
         except KeyboardInterrupt:
             sets = [word for setting in options.set for word in ("--set", setting)]
             again = ["study", options.study, *sets, *(["--smoke"] if options.smoke else []), "--resume"]
-            print(f"`{shlex.join(['freemesh', *again])}` goes on from the last checkpoints", file=sys.stderr)
+            note(f"`{shlex.join(['freemesh', *again])}` goes on from the last checkpoints")
             raise
-    print(_closing(result, study))
+    say(_closing(result, study))
     return 0
 
 

@@ -19,6 +19,7 @@ from freemesh_ray.cli.arguments import Parser, add_command, whole
 from freemesh_ray.config import check as check_setting
 from freemesh_ray.config import paths
 from freemesh_ray.config.schema import FOLDER
+from freemesh_ray.formatting.terminal import note, say
 from freemesh_ray.jobs import server
 from freemesh_ray.jobs.package import check_size
 from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
@@ -79,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
     job = options.submission_id or f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     id_ = options.submission_id if options.dry else job  # a line that is printed can be run again
     line = submission(url, command, environment, cpus=cpus, submission_id=id_, wait=options.wait)
-    print(shlex.join(line), flush=True)
+    say(shlex.join(line))
     if options.dry:
         return 0
     if job in server.submitted(url):
@@ -92,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
         return follow(line)
     except KeyboardInterrupt:
         at = shlex.join(["--address", url, job])
-        print(f"\nthe job goes on: `ray job logs {at} --follow`; `ray job stop {at}` ends it", file=sys.stderr)
+        note(f"\nthe job goes on: `ray job logs {at} --follow`; `ray job stop {at}` ends it")
         return INTERRUPTED
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from envs.errors import INTERRUPTED
 from freemesh_ray.cli.arguments import add_command, add_settings
 from freemesh_ray.cli.stop_signal import StopSignal
+from freemesh_ray.formatting.terminal import say
 
 if TYPE_CHECKING:
     from freemesh_ray.training.job import TrainingResult
@@ -78,17 +79,22 @@ def run(options: argparse.Namespace) -> int:
             algorithm.hurried = stop.is_urgent
             return algorithm
 
-        with StopSignal(lambda: session.end("interrupted", INTERRUPTED)) as stop:
-            result = train(
-                settings,
-                resume=options.resume,
-                make=make,
-                report=progress.show,
-                note=progress.note,
-                interrupted=stop.was_given,
-            )
+        try:
+            with StopSignal(lambda: session.end("interrupted", INTERRUPTED)) as stop:
+                result = train(
+                    settings,
+                    resume=options.resume,
+                    make=make,
+                    report=progress.show,
+                    note=progress.note,
+                    interrupted=lambda: stop.was_given() or progress.lost is not None,
+                )
+        except KeyboardInterrupt:
+            if progress.lost is not None:
+                raise progress.lost from None
+            raise
     progress.finish()
-    print(train_table(result, settings))
+    say(train_table(result, settings))
     return 0
 
 

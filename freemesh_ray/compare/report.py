@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from envs.printable import printable
 from freemesh_ray.compare.row import Row
+from freemesh_ray.formatting.csv_text import csv_text
+from freemesh_ray.formatting.markdown import escaped
 from freemesh_ray.formatting.table import markdown, number, table
 from freemesh_ray.storage.atomic import replacing
 
@@ -74,14 +76,16 @@ class Layout:
         columns: figure -> column, format.
         table: header and rows -> text.
         heading: before a table's title.
+        text: a name, or what went wrong, as it may stand outside of tables.
     """
 
     columns: Mapping[str, tuple[str, str]]
     table: Callable[[Sequence[str], Sequence[Sequence[str]]], str]
     heading: str
+    text: Callable[[str], str]
 
 
-FULL, BRIEF = Layout(COLUMNS, markdown, "### "), Layout(BRIEF_COLUMNS, table, "")
+FULL, BRIEF = Layout(COLUMNS, markdown, "### ", escaped), Layout(BRIEF_COLUMNS, table, "", printable)
 
 
 def line(row: Row) -> str:
@@ -128,10 +132,10 @@ def domain_table(rows: Sequence[Row], layout: Layout) -> str:
         if row.figures is not None
     ]
     header = ["mesher", *(title for title, _ in layout.columns.values()), "boundary"]
-    parts = [layout.heading + rows[0].domain]
+    parts = [layout.heading + layout.text(rows[0].domain)]
     if lines:
         parts.append(layout.table(header, lines))
-    if failures := [f"- {row.mesher} failed: {row.failure}" for row in rows if row.figures is None]:
+    if failures := [f"- {layout.text(f'{row.mesher} failed: {row.failure}')}" for row in rows if row.figures is None]:
         parts.append("\n".join(failures))
     return "\n\n".join(parts)
 
@@ -192,9 +196,10 @@ def write(folder: Path, rows: Sequence[Row]) -> None:
     with replacing(folder / "comparison.md") as draft:
         draft.write_text(text(rows), encoding="utf-8")
     keys = distinct(key for row in rows if row.figures is not None for key in row.figures)
-    with replacing(folder / "comparison.csv") as draft, open(draft, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["domain", "mesher", *keys, "keeps_boundary", "failure"])
-        for row in rows:
-            values = ["" if row.figures is None else repr(row.figures[key]) for key in keys]
-            writer.writerow([row.domain, row.mesher, *values, int(row.keeps_boundary), row.failure])
+    lines = [
+        [row.domain, row.mesher, *((row.figures or {}).get(key) for key in keys), int(row.keeps_boundary), row.failure]
+        for row in rows
+    ]
+    with replacing(folder / "comparison.csv") as draft:
+        table = csv_text(["domain", "mesher", *keys, "keeps_boundary", "failure"], lines)
+        draft.write_text(table, encoding="utf-8", newline="")

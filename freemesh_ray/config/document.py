@@ -65,8 +65,9 @@ def document(source: str | Path) -> tuple[str, yaml.Node]:
         )
     try:
         place = _folder() / f"{short}.yaml" if bare else Path(name)
-        with place.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)  # a device has no end
+        # A pipe is not waited for, and a device has no end.
+        with open(place, "rb", opener=lambda path, flags: os.open(path, flags | os.O_NONBLOCK)) as file:
+            content = file.read(MOST_BYTES + 1) or b""
         text = content.decode("utf-8")
     except OSError as error:
         raise ConfigError(f"{name}: cannot be read ({error.strerror}): check the path") from error

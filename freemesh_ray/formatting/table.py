@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from envs.printable import printable
+from freemesh_ray.formatting.markdown import in_cell
+
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
     """Columns aligned: those numbered in ``left`` to the left, the others to the right."""
-    return "\n".join("  ".join(line).rstrip() for line in aligned([header, *rows], left=left))
+    lines = [[printable(cell) for cell in line] for line in (header, *rows)]
+    return "\n".join("  ".join(line).rstrip() for line in aligned(lines, left=left))
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The same in Markdown, which lines up as plain text, too."""
-    lines = aligned([header, *rows], least=3)
+    """The same in Markdown, which lines up as plain text, too; cells are escaped unless they are Markdown already."""
+    lines = aligned([[in_cell(cell) for cell in line] for line in (header, *rows)], least=3)
     first, *others = (len(cell) for cell in lines[0])
     rule = "|".join(["-" * (first + 2), *("-" * (width + 1) + ":" for width in others)])
     head, *body = (f"| {' | '.join(line)} |" for line in lines)

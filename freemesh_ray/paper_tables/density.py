@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from envs.types import Domain
+from freemesh_ray.formatting.markdown import escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.paper_tables.published import published, spread_of
 from freemesh_ray.paper_tables.repeated import repeat
@@ -38,7 +39,7 @@ def density(policies: Mapping[str, Policy], domain: Domain, episodes: int) -> st
     if differences:
         parts.append(markdown(["elements", "measured", "paper"], differences))
     parts.append(
-        f"Measured on {domain.name}, {episodes} episodes of drawn actions, completed meshes only. "
+        f"Measured on {escaped(domain.name)}, {episodes} episodes of drawn actions, completed meshes only. "
         f"Paper: {paper['source']}.\n"
     )
     return "\n\n".join(parts)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from envs.types import Domain
+from freemesh_ray.formatting.markdown import escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.paper_tables.published import published, spread, spread_of
 from freemesh_ray.paper_tables.repeated import repeat
@@ -35,7 +36,8 @@ def observation(policies: Mapping[str, Policy], domain: Domain, episodes: int) -
     header = ["observation", "range", "completed"]
     for title, _ in COLUMNS.values():
         header += [title, "paper"]
+    name = escaped(domain.name)
     return (
-        f"{markdown(header, lines)}\n\nMeasured on {domain.name}, {episodes} episodes of drawn actions, completed "
+        f"{markdown(header, lines)}\n\nMeasured on {name}, {episodes} episodes of drawn actions, completed "
         f"meshes only. Paper: {paper['source']}.\n"
     )

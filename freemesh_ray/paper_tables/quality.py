@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from freemesh_ray.compare.comparison import Compared
 from freemesh_ray.compare.pooled import pooled
 from freemesh_ray.compare.report import distinct
+from freemesh_ray.formatting.markdown import escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.paper_tables.published import published, spread, spread_of
 
@@ -40,7 +41,7 @@ def quality(compared: Sequence[Compared]) -> str:
         for key, (title, form) in LINES.items()
     ]
     header = ["quality", *(f"paper, {name}" for name in paper["methods"]), *meshers]
-    domains = ", ".join(entry.domain.name for entry in compared)
+    domains = escaped(", ".join(entry.domain.name for entry in compared))
     failures = [
         f"\n- {row.domain}: {row.mesher} failed and is left out of its means: {row.failure}"
         for entry in compared

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from envs.types import Floats
 from freemesh_ray.plots.colours import INK, SERIES
-from freemesh_ray.plots.page import page, save
+from freemesh_ray.plots.page import as_is, page, save
 
 #: Which way is better.
 HIGHER, LOWER = "↑ higher is better", "↓ lower is better"
@@ -41,7 +41,7 @@ class Metric(NamedTuple):
 METRICS: dict[str, Metric] = {
     "singularity": Metric("irregular nodes", LOWER, "mesh"),
     "singularity_authors": Metric("singularity", LOWER, "mesh"),
-    "eta": Metric("element quality $\\eta$", HIGHER, "element", 0.0, 1.0),
+    "eta": Metric("element quality η", HIGHER, "element", 0.0, 1.0),
     "min_angle": Metric("|least angle − 90°|", LOWER, "element", 0.0, 90.0),
     "min_angle_authors": Metric("least |angle − 90°|", LOWER, "element", 0.0, 90.0),
     "max_angle": Metric("|largest angle − 90°|", LOWER, "element", 0.0, 90.0),
@@ -95,7 +95,7 @@ def draw_boxes(
     for i, (axes, metric) in enumerate(zip(panels, metrics, strict=False)):
         _draw_metric(axes, METRICS[metric], [each[np.isfinite(each)] for each in values[metric].values()])
         names = meshers if i + columns >= len(metrics) else []  # below the lowest panels
-        axes.set_xticks(range(len(names)), names, rotation=35, ha="right", rotation_mode="anchor")
+        axes.set_xticks(range(len(names)), list(map(as_is, names)), rotation=35, ha="right", rotation_mode="anchor")
     figure.supxlabel(KEY, color="#666666", fontsize=8)
     for axes in panels[len(metrics) :]:
         axes.remove()

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
 from freemesh_ray.plots.colours import INK
-from freemesh_ray.plots.page import WIDTH, page, save
+from freemesh_ray.plots.page import WIDTH, as_is, page, save
 from freemesh_ray.plots.series import MUTED, key, plain
 from freemesh_ray.statistics.bootstrap import Interval
 
@@ -56,14 +56,14 @@ def draw_improvements(pairs: Sequence[Pair], path: str | Path, title: str | None
         marks += axes.plot([band.value for _, band in rows], places, MARKS[i], color=SHADES[i], markersize=5, label=by)
     axes.set_xlim(-0.02, 1.02)
     axes.set_ylim(len(pairs) - 0.4, -0.6)
-    axes.set_yticks(range(len(pairs)), [pair.x for pair in pairs])
+    axes.set_yticks(range(len(pairs)), [as_is(pair.x) for pair in pairs])
     axes.set_xlabel("probability that a run of X (left) beats a run of Y (right)")
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
     plain(axes)
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
     right = axes.secondary_yaxis("right")
-    right.set_yticks(range(len(pairs)), [pair.y for pair in pairs])
+    right.set_yticks(range(len(pairs)), [as_is(pair.y) for pair in pairs])
     right.tick_params(length=0)
     right.spines["right"].set_visible(False)
     axes.spines["left"].set_visible(False)

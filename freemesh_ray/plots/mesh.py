@@ -109,7 +109,7 @@ def add_colour_bar(figure: Figure, panels: Sequence[Axes], rows: int = 1) -> Non
     bar = figure.colorbar(
         ScalarMappable(QUALITY, COLOURS), ax=panels, shrink=0.72, aspect=28 * rows, pad=0.02, panchor=False
     )
-    bar.set_label("element quality $\\eta$", color=INK)
+    bar.set_label("element quality η", color=INK)
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
@@ -142,7 +142,7 @@ def caption(mesh: PlaneMesh) -> str:
     if len(mesh.quads):
         figures = measure(mesh)
         parts = (f"{name} {figures[key]:.3f}" for name, key in (("mean", "eta"), ("p5", "eta_p5"), ("min", "eta_min")))
-        lines.append("$\\eta$ " + " · ".join(parts))
+        lines.append("η " + " · ".join(parts))
     return "\n".join(lines)
 
 

@@ -8,7 +8,9 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
 
+from envs.printable import printable
 from freemesh_ray.storage.atomic import replacing
 
 DPI, WIDTH, MARGIN = 160, 7.0, 0.1  # inches
@@ -32,5 +34,18 @@ def save(figure: Figure | SubFigure, path: str | Path) -> None:
     path = Path(path)
     root = figure.figure if isinstance(figure, SubFigure) else figure
     svg = path.suffix.lower() == ".svg"
-    with matplotlib.rc_context({"svg.hashsalt": "freemesh"}), replacing(path) as draft:
+    _show_as_is(root)
+    with matplotlib.rc_context({"svg.hashsalt": "freemesh", "text.parse_math": False}), replacing(path) as draft:
         root.savefig(draft, metadata={"Date": None} if svg else {"Software": None}, facecolor="white")
+
+
+def _show_as_is(figure: Figure) -> None:
+    """Make every text of a figure stand for itself: no formulas in names (``$``), and nothing that XML cannot hold."""
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+        text.set_text(as_is(text.get_text()))
+
+
+def as_is(text: str) -> str:
+    """Text as it may stand in a picture; for labels of ticks, which are made when it is drawn."""
+    return "\n".join(printable(line) for line in text.split("\n"))

@@ -6,7 +6,6 @@ the domain: exact enough for any screen, not for computing (for that see :mod:`f
 
 from __future__ import annotations
 
-import json
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Floats
+from freemesh_ray.formatting.html import embedded
 from freemesh_ray.meshes.metrics import irregular
 from freemesh_ray.plots.colours import FEW, MANY, scale
 from freemesh_ray.storage.atomic import OutputError, replacing
@@ -49,7 +49,7 @@ def write(mesh: Mesh, path: str | Path, finished: Mesh | None = None) -> None:
         if each is not None and not len(each.quads):
             raise OutputError(f"{path}: {each.name} has no elements: there is nothing to replay")
     template = files("freemesh_ray.plots").joinpath("replay.html").read_text(encoding="utf-8")
-    page = template.replace(PLACEHOLDER, _embedded(_data(mesh, finished)))
+    page = template.replace(PLACEHOLDER, embedded(_data(mesh, finished)))
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
 
@@ -87,8 +87,3 @@ def _part(mesh: Mesh, low: Floats, step: float) -> dict[str, Any]:
         "few": nodes[valence[nodes] < 4].tolist(),
         "many": nodes[valence[nodes] > 4].tolist(),
     }
-
-
-def _embedded(data: dict[str, Any]) -> str:
-    """JSON that no name can break out of: without ``<``, which could begin a tag, and in ASCII."""
-    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from envs.types import Floats
 from freemesh_ray.plots.colours import SERIES
-from freemesh_ray.plots.page import page, save
+from freemesh_ray.plots.page import as_is, page, save
 from freemesh_ray.plots.series import key, plain
 
 COLUMNS = 3
@@ -83,6 +83,6 @@ def _scale(axes: Axes, values: Sequence[Any]) -> Floats:
             axes.set_xscale("log")
         return places
     words = sorted({str(value) for value in values})
-    axes.set_xticks(range(len(words)), words)
+    axes.set_xticks(range(len(words)), list(map(as_is, words)))
     axes.set_xlim(-0.5, len(words) - 0.5)
     return np.array([words.index(str(value)) for value in values], dtype=np.float64)

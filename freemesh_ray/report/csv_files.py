@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from envs.types import Floats
+from freemesh_ray.formatting.csv_text import csv_text
 from freemesh_ray.report.comparisons import Comparison
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import FINALS, VariantResult
@@ -17,21 +16,14 @@ from freemesh_ray.storage.atomic import replacing
 
 
 def write(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
-    """Write a table; what is not finite, or None, is an empty cell.
+    """Write a table; see `formatting.csv_text`.
 
     Raises:
         OutputError: the place cannot be written to.
     """
-    with replacing(path) as draft, open(draft, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows([_cell(value) for value in row] for row in rows)
+    with replacing(path) as draft:
+        draft.write_text(csv_text(header, rows), encoding="utf-8", newline="")
     return path
-
-
-def _cell(value: Any) -> Any:
-    missing = value is None or (isinstance(value, float) and not math.isfinite(value))
-    return "" if missing else value
 
 
 def curves(path: Path, variants: Sequence[VariantResult]) -> Path:

@@ -53,8 +53,3 @@ def count(number: int, noun: str) -> str:
 def hours(seconds: float) -> str:
     """A duration in the unit that suits it."""
     return f"{seconds / 3600:.1f} h" if seconds >= 3600 else f"{seconds / 60:.0f} min"
-
-
-def cell(text: str) -> str:
-    """Text for a table's cell: on one line, without what would end the cell."""
-    return " ".join(text.split()).replace("|", "\\|")

@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from freemesh_ray.formatting.markdown import Markdown, block, bold, escaped
 from freemesh_ray.formatting.table import markdown, number
 from freemesh_ray.plots import draw_settings
 from freemesh_ray.policies.evaluation import COMPLETION, QUALITY, RETURN, metric, mode_and_figure
 from freemesh_ray.report import csv_files
-from freemesh_ray.report.formats import cell, count, final
+from freemesh_ray.report.formats import count, final
 from freemesh_ray.report.pictures import in_every_format
 from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.report.sections import Picture
@@ -71,20 +72,22 @@ def section(ranks: Sequence[Ranked], picture: Picture, study: Study) -> str:
             "can be recommended. Give the trials more env steps, or an easier domain."
         )
     else:
-        told = f"The best of {count(total, 'trial')} is {best.label} with a {by} of {finals[study.metric]:.4g}."
+        told = (
+            f"The best of {count(total, 'trial')} is {escaped(best.label)} with a {by} of {finals[study.metric]:.4g}."
+        )
         if default is None:
             told += " None of them has the default settings."
         else:
             usual = ranks[default].finals[study.metric]
             told += f" The default is number {default + 1} of {total}, with {usual:.4g}."
         sets = " ".join(f"--set {shlex.quote(f'{name}={value}')}" for name, value in best.settings.items())
-        parts += [told, f"The best settings:\n\n```\n{sets}\n```"]
+        parts += [told, f"The best settings:\n\n{block(sets)}"]
     parts.append(picture("settings", f"{by} against each setting that was searched"))
     rows = []
     columns = {key: column for key, column in COLUMNS.items() if key != study.metric}
     for i, (trial, values) in enumerate(ranks):
-        name = f"**{cell(trial.label)}** (default)" if i == default else cell(trial.label)
-        own = [cell(shown(value)) for value in settings_of(trial, study)]
+        name = Markdown(f"{bold(trial.label)} (default)") if i == default else trial.label
+        own = [shown(value) for value in settings_of(trial, study)]
         cells = [f"{values[study.metric]:.4g}"]
         cells += [number(values[key], form) for key, (_, form) in columns.items()]
         rows.append([f"{i + 1}", name, *own, *cells, f"{trial.env_steps:,}", trial.status])

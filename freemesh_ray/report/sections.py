@@ -11,13 +11,14 @@ import numpy as np
 from envs.types import Floats
 from freemesh_ray import config
 from freemesh_ray.config import Layer
+from freemesh_ray.formatting.markdown import bold, code, escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, MODES, QUALITY, RETURN, STOCHASTIC_RETURN
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.report.comparisons import Comparison, Outcome
-from freemesh_ray.report.formats import bracketed, cell, count, hours, span, spread, thousands
+from freemesh_ray.report.formats import bracketed, count, hours, span, spread, thousands
 from freemesh_ray.report.machine import machine
-from freemesh_ray.report.results import Results, TrialResult
+from freemesh_ray.report.results import Results, TrialResult, number
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import VariantResult, iqm_interval, return_threshold
 from freemesh_ray.statistics.curves import LAST
@@ -30,9 +31,10 @@ Picture = Callable[[str, str], str]
 def opening(results: Results) -> str:
     """What the study is about, what the paper finds, and whether all of it was run."""
     study = results.study
-    lines = [f"# {study.title}"]
-    about = [f"**In the paper:** {study.paper}."] if study.paper else []
-    about += [f"**{'Its finding' if study.paper else 'Known before'}:** {study.finding}"] if study.finding else []
+    lines = [f"# {escaped(study.title)}"]
+    about = [f"**In the paper:** {escaped(study.paper)}."] if study.paper else []
+    known = bold("Its finding:" if study.paper else "Known before:")
+    about += [f"{known} {escaped(study.finding)}"] if study.finding else []
     lines += ["  \n".join(about)] if about else []
     statuses = Counter(trial.status for trial in results.trials)
     if results.unfinished:
@@ -52,12 +54,12 @@ def expectations(outcomes: Sequence[Outcome], by: str, paper: bool) -> str:
     tally = Counter(outcome.verdict for outcome in outcomes)
     rows = []
     for outcome in outcomes:
-        expected, found = cell(f"{outcome.better} > {outcome.worse}"), outcome.comparison
+        expected, found = f"{outcome.better} > {outcome.worse}", outcome.comparison
         if found is None:
             rows.append([expected, "-", "-", "-", f"{outcome.verdict}: no evaluation yet"])
             continue
         rows.append([expected, f"{found.runs[0]} / {found.runs[1]}", probability(found),
-                     f"{found.p_value:.3f}", f"**{outcome.verdict}**"])  # fmt: skip
+                     f"{found.p_value:.3f}", bold(outcome.verdict)])  # fmt: skip
     told = ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said])
     table = markdown([f"expected, by the {by}", "seeds", "P(X > Y) [95 %]", "p-value", "verdict"], rows)
     return (
@@ -92,14 +94,15 @@ def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -
     if commits := sorted(
         {str(policy.about.get("mlflow.source.git.commit", "")) for policy in policies.values()} - {""}
     ):
-        lines.append(f"source: commit {', '.join(map(short, commits))}")
+        lines.append(f"source: commit {escaped(', '.join(map(short, commits)))}")
     lines.append(f"this report was made on {machine()}")
     return "## What was run\n\n" + "\n".join(f"- {line}" for line in lines)
 
 
 def settings(trials: Sequence[TrialResult], key: str) -> list[float]:
-    """The distinct values of a setting over the trials that have a configuration."""
-    return sorted({float(trial.config[key]) for trial in trials if trial.config.get(key) is not None})
+    """The distinct numbers that a setting has in the trials' configurations."""
+    found = {number(trial.config.get(key)) for trial in trials}
+    return sorted(value for value in found if math.isfinite(value))
 
 
 def shorter(budget: Sequence[float], results: Results) -> str:
@@ -154,7 +157,7 @@ def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
 
 def mark(variant: VariantResult) -> str:
     """A variant's label, with a star where its figures are provisional."""
-    return cell(f"{variant.label}*" if variant.provisional else variant.label)
+    return f"{variant.label}*" if variant.provisional else variant.label
 
 
 def reached(variant: VariantResult, threshold: float) -> str:
@@ -183,7 +186,8 @@ def domains(variants: Sequence[VariantResult], transfer: Transfer, episodes: int
             "95 % bootstrap interval."
         )
     if transfer.skipped:
-        parts.append("Left out:\n\n" + "\n".join(f"- {name}: {why}" for name, why in transfer.skipped.items()))
+        told = [f"- {escaped(f'{name}: {why}')}" for name, why in transfer.skipped.items()]
+        parts.append("\n".join(["Left out:\n", *told]))
     return "\n\n".join(parts)
 
 
@@ -211,7 +215,7 @@ def pairs(comparisons: Sequence[Comparison], every: int, by: str, picture: Pictu
     fewer = f" All {every} pairs are in comparisons.csv." if len(comparisons) < every else ""
     rows = [
         [
-            cell(f"{found.x} > {found.y}"),
+            f"{found.x} > {found.y}",
             f"{found.runs[0]} / {found.runs[1]}",
             probability(found),
             f"{found.p_value:.3f}",
@@ -231,10 +235,9 @@ def pairs(comparisons: Sequence[Comparison], every: int, by: str, picture: Pictu
 def trials(results: Results) -> str:
     """Every trial, and what went wrong with those that failed."""
     rows = [
-        [cell(trial.label), str(trial.seed), trial.status, f"{trial.env_steps:,}", hours(trial.seconds),
-         f"`{trial.run}`"]
+        [trial.label, str(trial.seed), trial.status, f"{trial.env_steps:,}", hours(trial.seconds), code(trial.run)]
         for trial in results.trials
-    ]  # fmt: skip
+    ]
     parts = [
         "## Trials",
         markdown(["trial" if results.study.search else "variant", "seed", "status", "env steps", "time", "run"], rows),
@@ -243,7 +246,7 @@ def trials(results: Results) -> str:
         parts.append(differing)
     failed = [trial for trial in results.trials if trial.error]
     if failed:
-        told = "\n".join(f"- {trial.label}, seed {trial.seed}: {cell(trial.error)}" for trial in failed)
+        told = "\n".join(f"- {escaped(f'{trial.label}, seed {trial.seed}: {trial.error}')}" for trial in failed)
         parts.append(f"What went wrong:\n\n{told}")
     return "\n\n".join(parts)
 
@@ -255,7 +258,7 @@ def differences(variants: Mapping[str, Layer]) -> str:
     told = []
     for label, layer in variants.items():
         own = config.flatten(config.values(layer))
-        told.append(f"- {label}: " + ", ".join(f"`{key}={value}`" for key, value in own.items()))
+        told.append(f"- {escaped(label)}: " + ", ".join(code(f"{key}={value}") for key, value in own.items()))
     return "Settings of the variants:\n\n" + "\n".join(told)
 
 

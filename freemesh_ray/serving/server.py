@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import uvicorn
 
 from envs.errors import FAILED, UserError
+from freemesh_ray.formatting.terminal import note
 from freemesh_ray.local_ray import Session, local_ray
 from freemesh_ray.local_ray.processes import STOPPED, process
 from freemesh_ray.serving.connections import BACKLOG, Connection, Connections, affordable
@@ -150,7 +151,7 @@ class _Watch(threading.Thread):
         if self.ray is not None:
             # Its guard ends all that it has started.
             self.ray.end(line, FAILED)
-        print(f"freemesh: {line}", file=sys.stderr, flush=True)
+        note(f"freemesh: {line}")
         os._exit(FAILED)
 
 

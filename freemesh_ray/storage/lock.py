@@ -28,8 +28,6 @@ log = logging.getLogger(__name__)
 FILE = ".lock"
 #: Between two tries of whoever waits.
 PAUSE_SECONDS = 0.2
-#: Linux's name of the time since the machine was last started.
-BOOT = Path("/proc/sys/kernel/random/boot_id")
 #: What `flock` raises where another holds the lock.
 HELD = {errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES}
 
@@ -49,9 +47,10 @@ def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[bool]:
 
     Raises:
         InUseError: another holds it.
+        UserError: the file is a link, through which another would be written to.
         OSError: there is no such folder, or it cannot be written to.
     """
-    descriptor = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o666)
+    descriptor = _opened(folder)
     deadline = time.monotonic() + patience
     try:
         while (locked := _locked(descriptor, folder)) is False:
@@ -59,8 +58,7 @@ def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[bool]:
                 raise InUseError(f"{folder}: {_holder(descriptor)}: {fix}")
             time.sleep(PAUSE_SECONDS)
         _write(descriptor, {
-            "host": platform.node(), "pid": os.getpid(), "boot": BOOT.read_text().strip() if BOOT.is_file() else None,
-            "since": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
+            "host": platform.node(), "pid": os.getpid(), "since": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC",
         })  # fmt: skip
         yield bool(locked)
     finally:
@@ -70,13 +68,28 @@ def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[bool]:
 def holder(folder: Path) -> str | None:
     """Who holds the lock of ``folder`` now, in words; None where nobody does."""
     try:
-        descriptor = os.open(folder / FILE, os.O_RDWR)
+        descriptor = os.open(folder / FILE, os.O_RDWR | os.O_NOFOLLOW)
     except OSError:
         return None
     try:
         return _holder(descriptor) if _locked(descriptor, folder) is False else None
     finally:
         os.close(descriptor)
+
+
+def _opened(folder: Path) -> int:
+    """The lock's file, which this user alone may open: whoever may open it may hold the lock."""
+    path = folder / FILE
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise UserError(f"{path}: is a link to another file: remove it") from error
+        raise
+    if os.fstat(descriptor).st_nlink > 1:
+        os.close(descriptor)
+        raise UserError(f"{path}: is a link to another file: remove it")
+    return descriptor
 
 
 def _locked(descriptor: int, folder: Path) -> bool | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from ray.tune import Callback
 from ray.tune.experiment import Trial as TuneTrial
 
 from freemesh_ray.formatting.table import duration, number
+from freemesh_ray.formatting.terminal import say
 from freemesh_ray.policies.evaluation import COMPLETION, RETURN
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.studies.study_folder import OVER, StudyFolder, TrialRecord
@@ -136,7 +136,7 @@ class StudyProgress(Callback):
 
     @staticmethod
     def _say(line: str) -> None:
-        print(line, file=sys.stdout, flush=True)
+        say(line)
 
 
 def reason(trial: TuneTrial) -> str:

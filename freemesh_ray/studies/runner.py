@@ -99,7 +99,8 @@ def run(
     """
     folder, plan, records = planned(study)
     folder.claim(study, resume)
-    tracking = study.settings_of_all()["tracking"]
+    settings = study.settings_of_all()
+    tracking = settings["tracking"]
     with (
         held(folder.path, "wait for its end"),
         MLflowRun(
@@ -110,6 +111,7 @@ def run(
             params=flatten(study.tree()),
             tags={"study": study.name},
             resume=resume,
+            folders=[*settings["paths"].values()],
             enabled=tracking["enabled"],
         ) as parent,
     ):

@@ -19,6 +19,7 @@ from typing import Any
 from envs.errors import UserError
 from freemesh_ray import config
 from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.json_file import read_json
 from freemesh_ray.studies.definition import Study, load
 from freemesh_ray.training.run_folder import RunFolder
 
@@ -141,12 +142,12 @@ class StudyFolder:
         except OSError as error:
             raise StudyError(f"{self.path}: cannot be made ({error.strerror}): set paths.studies elsewhere") from error
         with replacing(self.definition) as draft:
-            draft.write_text(config.dump(study.tree()))
+            draft.write_text(config.dump(study.tree()), encoding="utf-8")
 
     def write(self, records: Sequence[TrialRecord]) -> None:
         """Write ``trials.json``."""
         with replacing(self.trials) as draft:
-            draft.write_text(json.dumps([asdict(record) for record in records], indent=1))
+            draft.write_text(json.dumps([asdict(record) for record in records], indent=1), encoding="utf-8")
 
     def read(self) -> list[TrialRecord]:
         """Read ``trials.json``; nothing where there is none.
@@ -154,15 +155,15 @@ class StudyFolder:
         Raises:
             StudyError: it is damaged.
         """
-        if not self.trials.is_file():
+        if not self.trials.exists():
             return []
         try:
-            records = [TrialRecord(**record) for record in json.loads(self.trials.read_text(encoding="utf-8"))]
+            records = [TrialRecord(**record) for record in read_json(self.trials)]
             for record in records:
                 _check(record)
             return records
-        except (OSError, ValueError, TypeError, RecursionError) as error:
-            reason = ascii(str(error))[1:-1][:100]
+        except (OSError, ValueError, TypeError) as error:
+            reason = str(error)[:100]
             raise StudyError(
                 f"{self.trials}: is not a list of trials ({reason}): move the study's folder away"
             ) from error

@@ -15,6 +15,7 @@ from ray import tune
 
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.json_file import read_json
 from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.tracking import MLflowRun
@@ -30,8 +31,8 @@ FINISHED = "finished.json"
 def finished(folder: RunFolder) -> dict[str, Any] | None:
     """The last figures of a training that came to its end; None where it did not, or where they are damaged."""
     try:
-        figures = json.loads((folder.path / FINISHED).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        figures = read_json(folder.path / FINISHED)
+    except (OSError, ValueError):
         return None
     return figures if isinstance(figures, dict) else None
 
@@ -71,15 +72,15 @@ class TrialTrainable(tune.Trainable):
 
     def _begin(self, trial: Trial) -> None:
         _, make, study, parent = self._about
-        self._lock = ExitStack()
+        self.lock = ExitStack()
         self._training: Training | None = None
         self._run: MLflowRun | None = None
         trial.folder.path.mkdir(parents=True, exist_ok=True)
         # Another study may train the same: wait for its figures, or for the folder.
-        self._lock.enter_context(held(trial.folder.path, "wait", patience=math.inf))
+        self.lock.enter_context(held(trial.folder.path, "wait", patience=math.inf))
         self._figures = finished(trial.folder)
         if self._figures is not None:  # by another study, or after Tune last wrote its record
-            self._lock.close()
+            self.lock.close()
             return
         tracking = trial.config["tracking"]
         self._run = MLflowRun(
@@ -91,12 +92,13 @@ class TrialTrainable(tune.Trainable):
             tags={**tags(trial.config), "study": study, "variant": trial.label},
             parent=parent,
             resume=True,
+            folders=[*trial.config["paths"].values()],
             enabled=tracking["enabled"],
         )
         algorithm = make(trial.config)
         self._training = Training(algorithm, trial.config, trial.folder, self._run)
         with replacing(trial.folder.config) as draft:
-            draft.write_text(dump(trial.config))
+            draft.write_text(dump(trial.config), encoding="utf-8")
         self._run.artifact(trial.folder.config)
         self._drawn = {f"setting/{key}": value for key, value in trial.drawn.items() if isinstance(value, int | float)}
 
@@ -117,9 +119,9 @@ class TrialTrainable(tune.Trainable):
             if training.done():
                 conclude(training)
                 with replacing(training.folder.path / FINISHED) as draft:
-                    draft.write_text(json.dumps(figures))
+                    draft.write_text(json.dumps(figures), encoding="utf-8")
                 self._run.close()
-                self._lock.close()
+                self.lock.close()
         except Exception:
             self._run.close("FAILED")
             raise
@@ -148,7 +150,7 @@ class TrialTrainable(tune.Trainable):
         if self._run is not None:
             self._run.close()
         self._training = self._run = None
-        self._lock.close()
+        self.lock.close()
 
 
 def _quiet() -> None:

@@ -11,6 +11,10 @@ absent store did not get is delivered by the run's resumption or by `sync`. Deli
 time stamp, and MLflow stores equal entries once. The journal is locked while its run lives; the kernel frees the lock
 of a killed process, which is how a later start tells a killed run (and marks it FAILED) from one still at work.
 
+What is delivered, to where and from which folder is told by who calls, and never by a journal or a store: see `journal`
+(files of this user's below a folder), `uploader` (runs of this user's in the store), `store` (one address) and
+`killed_runs` (what a start does for those before it).
+
 A study is one run with a child for each trial. A child names its parent by the parent's `MLflowRun.id`, which is known
 before any store was reached; its journal waits until the parent is in the store. A policy is registered the same way.
 """

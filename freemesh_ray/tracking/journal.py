@@ -1,7 +1,11 @@
 """A run's journal: what it records for the tracking store, as JSON lines in its folder.
 
 The journal is locked while its run lives; the kernel frees the lock of a process that was killed, which is how a later
-start tells a killed run from one still at work.
+start on the same machine tells a killed run from one still at work.
+
+A journal says what is delivered, and nothing else: to which store is its reader's to say, and a file that it names is
+read only if it lies below `Journal.folder`. One that is claimed is a file of this user's below a given folder, reached
+through no link (`freemesh_ray.storage.own_file`).
 """
 
 from __future__ import annotations
@@ -9,36 +13,62 @@ from __future__ import annotations
 import errno
 import fcntl
 import json
+import math
 import os
 import time
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
-Event = dict[str, Any]
+from freemesh_ray.storage import own_file
+from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.owner import Owner
+from freemesh_ray.tracking.events import ID, Event, is_id, parsed
 
 #: Seconds that a resumed run waits for its journal: another run that began at the same moment, as a study's trials do
 #: together, may hold it to mark it FAILED.
 PATIENCE_SECONDS = 20.0
+#: Bytes of a line, of a journal, and of its state; what is longer is none.
+LINE_BYTES, JOURNAL_BYTES, STATE_BYTES = 1 << 20, 4 << 30, 1 << 14
+#: Bytes of an artifact that it names.
+ARTIFACT_BYTES = 1 << 30
+#: Bytes read at a time, and journals that are looked at for one to go on with.
+CHUNK, NEWEST = 1 << 18, 20
 
 
 @dataclass
 class State:
-    """Where a journal goes and how much of it has arrived.
+    """What is known of a journal's delivery; it says where that went, and never where it goes.
 
     Attributes:
-        uri, experiment: the store and the experiment's name.
+        uri, experiment: the store, without a password, and the experiment's name.
         run_id: MLflow's id, None until the run was made there.
         sent: bytes of the journal that are delivered.
+        owner: `Owner.told` of the process that wrote the journal last.
     """
 
     uri: str
     experiment: str
     run_id: str | None = None
     sent: int = 0
+    owner: dict[str, str] | None = None
+
+    @classmethod
+    def parsed(cls, content: bytes) -> State:
+        """What a state's file holds.
+
+        Raises:
+            ValueError, TypeError: it is none.
+        """
+        state = cls(**json.loads(content))
+        texts = isinstance(state.uri, str) and isinstance(state.experiment, str)
+        known = state.run_id is None or is_id(state.run_id)
+        if not (texts and known and type(state.sent) is int and 0 <= state.sent <= JOURNAL_BYTES):
+            raise ValueError("no state of a journal")
+        return state
 
 
 class Journal:
@@ -50,26 +80,34 @@ class Journal:
 
     @classmethod
     def new(cls, folder: Path, state: State) -> Journal:
-        """An empty journal in ``folder``/tracking."""
+        """An empty journal in ``folder``/tracking, of this process."""
         name = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{uuid.uuid4().hex[:8]}.jsonl"
-        path = folder.resolve() / "tracking" / name
+        folder = folder.resolve()
+        path = folder / "tracking" / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o644)
+        # No one else may open it: whoever may open it may hold its lock.
+        descriptor = own_file.opened(folder, path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o600)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
         journal = cls(path, descriptor, state)
-        journal.save()
+        journal.own()
         return journal
 
     @classmethod
-    def claim(cls, path: Path, patience: float = 0.0) -> Journal | None:
-        """The journal at ``path``; None when its run is at work, here or in another process, or it is unreadable.
+    def claim(cls, path: Path, root: Path, patience: float = 0.0) -> Journal | None:
+        """The journal at ``path``.
 
         Args:
             path: of the journal.
+            root: a folder above it, from which on no link is followed.
             patience: seconds to wait for whoever holds it.
+
+        Returns:
+            None when its run is at work, here or in another process, or it is no journal, or no file of this user's.
         """
+        if not ID.fullmatch(path.stem):
+            return None
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND)
+            descriptor = own_file.opened(root, path, os.O_RDWR | os.O_APPEND)
         except OSError:
             return None
         deadline = time.monotonic() + patience
@@ -79,22 +117,58 @@ class Journal:
                 return None
             time.sleep(0.05)
         try:  # only now: whoever held it may have written the state
-            state = State(**json.loads(path.with_suffix(".json").read_text(encoding="utf-8")))
-            if not (isinstance(state.uri, str) and isinstance(state.experiment, str) and state.sent >= 0):
-                raise ValueError("no state of a journal")
+            state = State.parsed(own_file.read(root, path.with_suffix(".json"), STATE_BYTES))
+            size = os.fstat(descriptor).st_size
+            if size > JOURNAL_BYTES:
+                raise ValueError("too long for a journal")
+            if size and os.pread(descriptor, 1, size - 1) != b"\n":
+                os.write(descriptor, b"\n")  # a line cut short by a crash stays a line of its own
         except (OSError, ValueError, TypeError, RecursionError):
             os.close(descriptor)
             return None
-        journal = cls(path, descriptor, state)
-        size = os.fstat(descriptor).st_size
-        if size and os.pread(descriptor, 1, size - 1) != b"\n":
-            os.write(descriptor, b"\n")  # a line cut short by a crash stays a line of its own
-        return journal
+        return cls(path, descriptor, state)
 
     @property
     def id(self) -> str:
         """Ours, known before the store is reached."""
         return self.path.stem
+
+    @property
+    def folder(self) -> Path:
+        """Where the files lie that it may name: the run's folder; of a journal that was shared, a folder beside it."""
+        return self.path.with_suffix("") if self.path.parent.name == "shared" else self.path.parents[1]
+
+    @property
+    def owner(self) -> Owner | None:
+        """The process that wrote it last; None where the state does not tell."""
+        return Owner.parsed(self.state.owner)
+
+    @property
+    def size(self) -> int:
+        """In bytes."""
+        return os.fstat(self._descriptor).st_size
+
+    def last(self) -> Event:
+        """The last event; ``{}`` where there is none."""
+        return next((event for event, _ in reversed(list(self.read(max(0, self.size - LINE_BYTES)))) if event), {})
+
+    def is_over(self) -> bool:
+        """Whether its run has ended, for whoever has claimed it.
+
+        Of a process that this machine has run since its start the lock has told; one of an earlier start is gone; one
+        of another machine may be at work, where locks do not hold among machines, unless it has said that it ended.
+        """
+        last, owner, here = self.last(), self.owner, Owner.here()
+        if last.get("kind") == "end":
+            return True
+        return owner is not None and (
+            owner.same_boot(here) or owner.ended_with_machine(here, last.get("time", math.inf) / 1000)
+        )
+
+    def own(self) -> None:
+        """Note this process as the one that writes the journal."""
+        self.state.owner = Owner.here().told()
+        self.save()
 
     def append(self, event: Event) -> None:
         """Add one line; a single write, so threads need no lock among themselves.
@@ -110,37 +184,34 @@ class Journal:
 
     def read(self, start: int = 0) -> Iterator[tuple[Event, int]]:
         """The whole lines from byte ``start`` on: see `entries`."""
-        return self.entries(self.path, start)
-
-    @staticmethod
-    def entries(path: Path, start: int = 0) -> Iterator[tuple[Event, int]]:
-        """The whole lines of the journal at ``path`` from byte ``start`` on: (event, the byte behind it).
-
-        A line that is no event is ``{}``.
-        """
-        with path.open("rb") as file:
-            file.seek(start)
-            for line in file:
-                if not line.endswith(b"\n"):
-                    return
-                start += len(line)
-                try:
-                    event = json.loads(line)
-                except (ValueError, RecursionError):
-                    event = {}
-                yield (event if isinstance(event, dict) else {}), start
+        return entries(self._descriptor, start)
 
     def save(self) -> None:
         """Write ``state``, all or nothing."""
-        target = self.path.with_suffix(".json")
-        draft = target.with_suffix(".tmp")
-        draft.write_text(json.dumps(asdict(self.state)), encoding="utf-8")
-        os.replace(draft, target)
+        with replacing(self.path.with_suffix(".json")) as draft:
+            draft.write_text(json.dumps(asdict(self.state)), encoding="utf-8")
 
     def release(self) -> None:
         """Give the lock back; the object is of no use afterwards."""
         os.close(self._descriptor)
         self._descriptor = -1  # a late append then fails, and never lands in a file that got the number next
+
+
+def entries(descriptor: int, start: int = 0) -> Iterator[tuple[Event, int]]:
+    """The whole lines of an open journal from byte ``start`` on: (event, the byte behind it).
+
+    A line that is no event, or too long for one, is ``{}``.
+    """
+    line, known = b"", 0  # bytes of the line, those of them that are forgotten
+    while chunk := os.pread(descriptor, CHUNK, start + known + len(line)):
+        *whole, rest = (line + chunk).split(b"\n")
+        for text in whole:
+            start += known + len(text) + 1
+            yield ({} if known or len(text) > LINE_BYTES else parsed(text)), start
+            known = 0
+        line = rest
+        if len(line) > LINE_BYTES:
+            line, known = b"", known + len(line)
 
 
 def journals(folder: Path) -> list[Path]:
@@ -153,11 +224,13 @@ def shared(folder: Path) -> Path:
     return folder / "shared"
 
 
-def latest(folder: Path, run_id: str | None) -> Journal | None:
-    """The newest journal of ``folder`` that can be claimed, and that is of ``run_id`` when one is given."""
-    for path in reversed(journals(folder)):
-        journal = Journal.claim(path, PATIENCE_SECONDS)
-        if journal and run_id in (None, journal.state.run_id):
+def latest(folder: Path) -> Journal | None:
+    """The newest journal of ``folder`` that can be claimed, and that this user recorded."""
+    folder, here = folder.resolve(), Owner.here()
+    deadline = time.monotonic() + PATIENCE_SECONDS
+    for path in islice(reversed(journals(folder)), NEWEST):
+        journal = Journal.claim(path, folder, max(0.0, deadline - time.monotonic()))
+        if journal and (journal.owner is None or journal.owner.same_user(here)):
             return journal
         if journal:
             journal.release()
@@ -171,13 +244,3 @@ def _locked(descriptor: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def new_event(kind: str, **content: Any) -> Event:
-    """An entry for a journal, with the time."""
-    return {"kind": kind, "time": now(), **content}
-
-
-def now() -> int:
-    """Milliseconds since the epoch."""
-    return int(time.time() * 1000)

@@ -8,17 +8,28 @@ import platform
 import shlex
 import shutil
 import threading
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
 from freemesh_ray.storage.atomic import replacing
-from freemesh_ray.tracking.journal import Event, Journal, State, latest, new_event
+from freemesh_ray.tracking.events import Event, new_event
+from freemesh_ray.tracking.journal import Journal, State, latest
+from freemesh_ray.tracking.killed_runs import fail_killed_runs
 from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.tracking.registry import commit, fingerprint
-from freemesh_ray.tracking.store import VALUE_LENGTH, absolute, accepted_key, brief, failure, mlflow_client
+from freemesh_ray.tracking.store import (
+    VALUE_LENGTH,
+    absolute,
+    accepted_key,
+    brief,
+    failure,
+    mlflow_client,
+    without_password,
+)
 from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
 
 log = logging.getLogger(__name__)
@@ -29,6 +40,8 @@ Status = Literal["FINISHED", "FAILED", "KILLED"]
 BATCH_SECONDS, RETRY_SECONDS = 1.0, 60.0
 #: How long `MLflowRun.close` waits at most for the last delivery; it returns at once when the store is away.
 FLUSH_SECONDS = 15.0
+#: How long a start takes at most for the runs that were killed before it.
+KILLED_SECONDS = 10.0
 
 
 class MLflowRun:
@@ -47,12 +60,12 @@ class MLflowRun:
         params: Mapping[str, Any] | None = None,
         tags: Mapping[str, str] | None = None,
         parent: str | None = None,
-        run_id: str | None = None,
         resume: bool = False,
+        folders: Sequence[str | Path] = (),
         enabled: bool = True,
         flush_seconds: float = FLUSH_SECONDS,
     ) -> None:
-        """Begin, or resume, a run; what an earlier killed run on this machine left RUNNING becomes FAILED.
+        """Begin, or resume, a run; what this user's killed runs on this machine left RUNNING becomes FAILED.
 
         Args:
             folder: the run's folder; the journal is kept in ``tracking`` below it.
@@ -63,8 +76,8 @@ class MLflowRun:
             tags: beside ``commit`` and the versions of `provenance`.
             parent: `MLflowRun.id` of the run, in the same experiment, that this one belongs to; None: a resumed run
                 keeps its own.
-            run_id: MLflow id of the run to resume.
-            resume: resume the last run of ``folder``, whether or not its store was ever reached.
+            resume: resume the last run of ``folder``, whether or not a store was ever reached, in the one given now.
+            folders: where runs and studies lie; what killed runs recorded is delivered from below them alone.
             enabled: False: a run that does nothing.
             flush_seconds: how long `close` waits at most.
         """
@@ -74,19 +87,24 @@ class MLflowRun:
         self._full = False  # the disk is: the journal takes nothing
         self._uploader: Uploader | None = None
         self._thread: threading.Thread | None = None
+        self._others: threading.Thread | None = None  # cares for the killed runs, and holds up nothing
         if not enabled:
             return
         with _harmless("tracking is off"):
             mlflow_client()  # here, not in the thread: two threads that import the same packages can trip each other
-            journal = (latest(Path(folder), run_id) if run_id or resume else None) or Journal.new(
-                Path(folder), State(absolute(uri), experiment, run_id)
-            )
+            self._place = absolute(uri), experiment
+            self._folders = [Path(path) for path in folders]
+            journal = latest(Path(folder)) if resume else None
+            if journal:
+                journal.own()
+            else:
+                journal = Journal.new(Path(folder), State(without_password(absolute(uri)), experiment))
             texts = {key: str(value)[:VALUE_LENGTH] for key, value in (params or {}).items()}
-            own = {"freemesh.id": journal.id, "freemesh.host": platform.node(), "freemesh.journal": str(journal.path)}
+            own = {"freemesh.host": platform.node(), "freemesh.journal": str(journal.path)}
             where = provenance()
             everything = {**(tags or {}), **where, **commit(where), **own}
             journal.append(new_event("start", name=name, params=texts, tags=everything, parent=parent))
-            self._uploader = Uploader(journal)
+            self._uploader = Uploader(journal, uri, experiment)
             self._thread = threading.Thread(target=self._work, name="tracking", daemon=True)
             self._thread.start()
 
@@ -118,7 +136,7 @@ class MLflowRun:
             self._record(new_event("metrics", step=int(step), values=numbers))
 
     def artifact(self, path: str | Path, folder: str | None = None) -> None:
-        """Upload a file, or a directory's content, below ``folder``; it must stay where it is until it is delivered."""
+        """Upload a file of the run's folder below ``folder``; it must stay where it is until it is delivered."""
         with _harmless("an artifact was not recorded"):
             self._record(new_event("artifact", path=str(Path(path).resolve()), folder=folder))
 
@@ -153,9 +171,12 @@ class MLflowRun:
         with _harmless("the end of the run was not recorded"):
             self._record(new_event("end", status=status))
         self._closing.set()
+        deadline = time.monotonic() + self._flush_seconds
         self._thread.join(self._flush_seconds)
         if self._thread.is_alive():
             log.warning("tracking: not all is delivered yet; %s delivers the rest", self._sync_line())
+        elif self._others:
+            self._others.join(max(0.0, deadline - time.monotonic()))
 
     def __enter__(self) -> Self:
         return self
@@ -186,7 +207,8 @@ class MLflowRun:
     def _sync_line(self) -> str:
         """The command that delivers what the store missed."""
         assert self._uploader is not None
-        return f"`{shlex.join(['freemesh', 'sync', str(self._uploader.journal.path.parents[1])])}`"
+        journal = self._uploader.journal
+        return f"`{shlex.join(['freemesh', 'sync', str(journal.folder), '--uri', journal.state.uri])}`"
 
     def _work(self) -> None:
         """The thread: deliver, rest, again; once closing, one last time."""
@@ -199,7 +221,8 @@ class MLflowRun:
                 self._ready.set()
                 self._uploader.deliver_shared()
                 if first:
-                    self._uploader.fail_killed_runs()
+                    self._others = threading.Thread(target=self._fail_killed_runs, name="tracking", daemon=True)
+                    self._others.start()
                 if away:
                     log.warning("tracking: %s is back", journal.state.uri)
                 pause, away, first = BATCH_SECONDS, False, False
@@ -215,6 +238,12 @@ class MLflowRun:
                 break
             self._closing.wait(pause)
         journal.release()
+
+    def _fail_killed_runs(self) -> None:
+        """The other thread: what may take its time does not delay what this run records."""
+        uri, experiment = self._place
+        with _harmless("killed runs were not looked for"):
+            fail_killed_runs(uri, experiment, str(self.id), self._folders, time.monotonic() + KILLED_SECONDS)
 
 
 @contextmanager

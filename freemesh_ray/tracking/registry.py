@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from freemesh_ray.policies.policy import Policy
+from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.tracking.store import (
     TrackingError,
     absolute,
+    artifacts_of,
     connect,
     experiment_id,
     failure,
@@ -66,7 +68,7 @@ def register(
             raise TrackingError(f"{uri}: has no run {run}: deliver it first (freemesh sync), or give another run")
         mark = fingerprint(policy, source.data.tags.get("freemesh.id", source.info.run_id))
         return add_version(
-            client, Path(policy), source, mark=mark, name=name, alias=alias,
+            client, place, Path(policy), source, mark=mark, name=name, alias=alias,
             tags={**(tags or {}), **commit(provenance())}, description=description,
         )  # fmt: skip
     except Exception as error:
@@ -75,6 +77,7 @@ def register(
 
 def add_version(
     client: Any,
+    uri: str,
     policy: Path,
     run: Any,
     *,
@@ -95,7 +98,7 @@ def add_version(
     marked = list(client.search_model_versions(f"tags.`freemesh.model` = '{mark}'"))
     made = next((version for version in marked if version.name == name), None)
     if made is None:
-        model = _logged_model(client, policy, run, mark, name)
+        model = _logged_model(client, uri, policy, run, mark, name)
         # A sqlite registry would look models:/ID up in whatever store the process has as its default.
         direct = client.tracking_uri.startswith("sqlite")
         made = client.create_model_version(
@@ -156,7 +159,7 @@ def commit(where: Mapping[str, str]) -> dict[str, str]:
     return {"commit": known} if known else {}
 
 
-def _logged_model(client: Any, policy: Path, run: Any, mark: str, name: str) -> Any:
+def _logged_model(client: Any, uri: str, policy: Path, run: Any, mark: str, name: str) -> Any:
     """The logged model, made and uploaded unless an earlier call did."""
     from mlflow.entities import LoggedModelOutput, LoggedModelStatus
     from mlflow.models import Model
@@ -170,7 +173,7 @@ def _logged_model(client: Any, policy: Path, run: Any, mark: str, name: str) -> 
         with tempfile.TemporaryDirectory() as place:
             about = Model(artifact_path=model.artifact_location, run_id=run_id, model_id=model.model_id)
             save(policy, Path(place) / "model", about)
-            client.log_model_artifacts(model.model_id, str(Path(place) / "model"))
+            artifacts_of(client, uri, model.artifact_location).log_artifacts(str(Path(place) / "model"))
         client.log_outputs(run_id, [LoggedModelOutput(model.model_id, step=0)])
         client.finalize_logged_model(model.model_id, LoggedModelStatus.READY)
     return model
@@ -185,8 +188,11 @@ def _make_name(client: Any, name: str) -> None:
 
 
 def _run(client: Any, experiment: str, mark: str) -> Any:
-    """A run to hang a model on that comes from none."""
-    made = run_of(client, experiment, mark) or client.create_run(experiment, tags={"freemesh.id": mark})
+    """A run of this user's to hang a model on that comes from none."""
+    user = Owner.here().user
+    made = run_of(client, experiment, mark, user) or client.create_run(
+        experiment, tags={"freemesh.id": mark, "freemesh.user": user}
+    )
     client.set_terminated(made.info.run_id)
     return made
 

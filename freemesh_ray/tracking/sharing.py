@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
+from freemesh_ray.storage import own_file
 from freemesh_ray.storage.atomic import replacing
-from freemesh_ray.tracking.journal import Event, Journal, State, journals, shared
-from freemesh_ray.tracking.store import absolute, brief
+from freemesh_ray.storage.owner import Owner
+from freemesh_ray.tracking.events import Event
+from freemesh_ray.tracking.journal import ARTIFACT_BYTES, State, entries, journals, shared
+from freemesh_ray.tracking.store import absolute, brief, without_password
 
 log = logging.getLogger(__name__)
 
@@ -41,21 +46,23 @@ def share(
         The id of the child, as `MLflowRun.id`; None when the run was never tracked or the copy cannot be written.
     """
     try:
-        original = journals(Path(folder))[-1]
+        original = journals(Path(folder).resolve())[-1]
     except IndexError:
         log.warning("tracking: %s was not tracked, so it is not shared", folder)
         return None
-    if _parent(original) == parent:
+    root = Path(folder).resolve()
+    if _parent(original, root) == parent:
         return original.stem
     place = shared(Path(into).resolve() / "tracking") / f"{original.stem}-{parent}.jsonl"
     if place.exists():
         return place.stem
-    own = {"freemesh.id": place.stem, "freemesh.journal": str(place), "freemesh.shared_from": original.stem}
+    own = {"freemesh.journal": str(place), "freemesh.shared_from": original.stem}
+    state = State(without_password(absolute(uri)), experiment, owner=Owner.here().told())
     try:
         with replacing(place.with_suffix(".json")) as draft:
-            draft.write_text(json.dumps(asdict(State(absolute(uri), experiment))), encoding="utf-8")
+            draft.write_text(json.dumps(asdict(state)), encoding="utf-8")
         with replacing(place) as draft, draft.open("w", encoding="utf-8") as file:
-            for event in _copied(original, name, parent, {**(tags or {}), **own}):
+            for event in _copied(original, root, place.with_suffix(""), name, parent, {**(tags or {}), **own}):
                 file.write(json.dumps(event) + "\n")
     except Exception as error:
         log.warning("tracking: %s is not shared (%s)", folder, brief(error))
@@ -63,19 +70,40 @@ def share(
     return place.stem
 
 
-def _parent(journal: Path) -> str | None:
+def _events(journal: Path, root: Path) -> Iterator[Event]:
+    """The events of a journal below ``root``; none where it cannot be read."""
+    try:
+        descriptor = own_file.opened(root, journal)
+    except OSError:
+        return
+    try:
+        yield from (event for event, _ in entries(descriptor))
+    finally:
+        os.close(descriptor)
+
+
+def _parent(journal: Path, root: Path) -> str | None:
     """The parent that the run was last started with."""
     parent = None
-    for event, _ in Journal.entries(journal):
+    for event in _events(journal, root):
         if event.get("kind") == "start":
-            parent = event.get("parent") or parent
+            parent = event["parent"] or parent
     return parent
 
 
-def _copied(original: Path, name: str, parent: str, tags: dict[str, str]) -> Iterator[Event]:
-    """The journal's events under another name, parent and tags."""
-    for event, _ in Journal.entries(original):
-        if event.get("kind") == "start":
-            yield event | {"name": name, "parent": parent, "tags": event["tags"] | tags}
-        elif event.get("kind") != "model":  # a model is registered by one run
-            yield event
+def _copied(original: Path, root: Path, files: Path, name: str, parent: str, tags: dict[str, str]) -> Iterator[Event]:
+    """The journal's events under another name, parent and tags, with copies of its artifacts below ``files``."""
+    for number, event in enumerate(_events(original, root)):
+        match event.get("kind"):
+            case "start":
+                yield event | {"name": name, "parent": parent, "tags": event["tags"] | tags}
+            case "artifact":
+                path = Path(event["path"])
+                copy = files / str(number) / path.name
+                with suppress(OSError, ValueError):  # one that is gone, or was never the run's
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    copy.unlink(missing_ok=True)
+                    own_file.copy(root, path, copy, ARTIFACT_BYTES)
+                    yield event | {"path": str(copy)}
+            case "metrics" | "end":  # a model is registered by one run
+                yield event

@@ -14,9 +14,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from shutil import which
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 from envs.errors import FAILED, UserError
 from freemesh_ray.config.paths import shown
+from freemesh_ray.tracking.events import is_id
 
 log = logging.getLogger(__name__)
 
@@ -32,12 +34,18 @@ ENVIRONMENT = {
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
 }
+#: Whatever else the environment says: what is sent goes to the configured address alone, and neither to one that the
+#: server redirects to nor to one that it names for the parts of a large file.
+ONE_ADDRESS = {"MLFLOW_ALLOW_HTTP_REDIRECTS": "false", "MLFLOW_ENABLE_PROXY_MULTIPART_UPLOAD": "false"}
+#: Folders beside a sqlite store in which MLflow keeps artifacts.
+ARTIFACTS = ("mlartifacts", "mlruns")
 #: The store understood and refused: sending the same again is of no use.
 REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST"}
 SQLITE = "sqlite:///"
 
 #: What helps against a failure, by what is in its message.
 FIXES = {
+    "code 30": "give the address that the server redirects to, if you trust it: redirects are not followed",
     "code 401": "give user and password in MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD",
     "code 403": "let the server allow the name that it is called by (--allowed-hosts), and its user to write",
     "deleted": "restore it there (mlflow runs restore), or give another store's uri",
@@ -52,6 +60,10 @@ class TrackingError(UserError, RuntimeError):
     exit_code = FAILED
 
 
+class ElsewhereError(TrackingError):
+    """The store wants files sent to another address than its own; one line with both and the fix."""
+
+
 def failure(uri: str, error: BaseException) -> TrackingError:
     """What an exception of MLflow's, or of the network, means, and what helps."""
     if isinstance(error, TrackingError):
@@ -59,13 +71,14 @@ def failure(uri: str, error: BaseException) -> TrackingError:
     refused = getattr(error, "error_code", None) in REFUSED
     what = "refuses" if refused else "cannot be reached"
     fix = next((fix for sign, fix in FIXES.items() if sign in str(error)), None)
-    return TrackingError(f"{uri}: {what} ({brief(error)}): {fix or FIXES[what]}")
+    return TrackingError(f"{without_password(uri)}: {what} ({brief(error)}): {fix or FIXES[what]}")
 
 
 def mlflow_client() -> Any:
     """MLflow's client class; imported late because that takes seconds."""
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
+    os.environ.update(ONE_ADDRESS)
     for noisy in ("alembic", "mlflow.store.db.utils", "mlflow.pyfunc"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
     from mlflow import MlflowClient
@@ -85,6 +98,50 @@ def absolute(uri: str) -> str:
     """The same store whatever the working directory: the path of a sqlite store made absolute."""
     path = uri.removeprefix(SQLITE)
     return uri if path == uri or path.startswith(":") else f"{SQLITE}{Path(path).absolute()}"
+
+
+def without_password(uri: str) -> str:
+    """A store's address as it may be shown and kept."""
+    return re.sub(r"(https?://)[^/?#]*@", r"\1", uri)
+
+
+def takes_artifacts(uri: str, place: str) -> bool:
+    """Whether the place that a store gives for artifacts is its own: the server itself, or a folder beside its file.
+
+    Args:
+        uri: of the store, as it is configured.
+        place: address of artifacts, as the store tells it.
+    """
+    target = urlsplit(place)
+    if not uri.startswith(SQLITE):
+        here = urlsplit(without_password(uri))
+        if target.scheme == "mlflow-artifacts":
+            return target.netloc in ("", here.netloc)
+        served = f"{here.path.rstrip('/')}/api/2.0/mlflow-artifacts/artifacts/"
+        return (target.scheme, target.netloc) == (here.scheme, here.netloc) and target.path.startswith(served)
+    if target.scheme not in ("", "file") or target.netloc or "\0" in place:
+        return False
+    home = Path(uri.removeprefix(SQLITE)).parent
+    path = Path(unquote(target.path) if target.scheme else place).resolve()
+    return any(path.is_relative_to((home / folder).resolve()) for folder in ARTIFACTS)
+
+
+def artifacts_of(client: Any, uri: str, place: str) -> Any:
+    """MLflow's access to the artifacts at ``place``.
+
+    Raises:
+        ElsewhereError: they would leave for another address than the store's.
+    """
+    from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+
+    if not takes_artifacts(uri, place):
+        moved = uri.startswith(SQLITE)
+        fix = "where it was moved" if moved else "let the server take them itself (--serve-artifacts) and"
+        raise ElsewhereError(
+            f"{without_password(uri)}: wants files sent to {place[:80]!a}, which is another place: "
+            f"{fix} set another tracking.experiment"
+        )
+    return get_artifact_repository(place, tracking_uri=client.tracking_uri)
 
 
 def address_of(uri: str) -> str:
@@ -133,10 +190,26 @@ def experiment_id(client: Any, uri: str, name: str) -> str:
         return client.get_experiment_by_name(name).experiment_id  # another process was faster
 
 
-def run_of(client: Any, experiment: str, own_id: str) -> Any | None:
-    """The run that carries our id, in the experiment with the id ``experiment``."""
-    found = client.search_runs([experiment], f"tags.`freemesh.id` = '{own_id}'", max_results=1)
-    return found[0] if found else None
+def run_of(client: Any, experiment: str, own_id: str, user: str | None = None) -> Any | None:
+    """The run that carries our id, in the experiment with the id ``experiment``.
+
+    Args:
+        client: of the store.
+        experiment: the experiment's id.
+        own_id: ours.
+        user: who must have recorded it, as the tag ``freemesh.user`` tells; None: it is only looked at.
+    """
+    if not is_id(own_id):
+        return None
+    query = f"tags.`freemesh.id` = '{own_id}'" + (f" and tags.`freemesh.user` = '{user}'" if user else "")
+    found = client.search_runs([experiment], query, max_results=1)
+    return next((run for run in found if is_recorded_by(run, own_id, user)), None)
+
+
+def is_recorded_by(run: Any, own_id: str, user: str | None) -> bool:
+    """Whether a run carries our id, and is of the user when one is given."""
+    tags = run.data.tags
+    return tags.get("freemesh.id") == own_id and user in (None, tags.get("freemesh.user"))
 
 
 @contextmanager
@@ -145,7 +218,7 @@ def unless_refused(what: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if getattr(error, "error_code", None) not in REFUSED:
+        if getattr(error, "error_code", None) not in REFUSED and not isinstance(error, ElsewhereError):
             raise
         log.warning("tracking: the store refused %s (%s)", what, brief(error))
 
@@ -158,7 +231,7 @@ def accepted_key(key: str) -> str:
 
 def brief(error: BaseException) -> str:
     """The first line of an error, cut to a readable length."""
-    text = (str(error) or type(error).__name__).splitlines()[0]
+    text = without_password((str(error) or type(error).__name__).splitlines()[0])
     return text if len(text) <= 160 else text[:157] + "..."
 
 

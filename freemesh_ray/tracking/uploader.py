@@ -1,31 +1,42 @@
-"""Uploads a journal to its store."""
+"""Uploads a journal to the store that this process is configured for."""
 
 from __future__ import annotations
 
 import itertools
 import logging
-import platform
+import math
+import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from freemesh_ray.policies.policy import PolicyError
+from freemesh_ray.storage import own_file
+from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking import registry
-from freemesh_ray.tracking.journal import Event, Journal, new_event, now, shared
+from freemesh_ray.tracking.events import Event, new_event, now
+from freemesh_ray.tracking.journal import ARTIFACT_BYTES, Journal, State, shared
+from freemesh_ray.tracking.provenance import COMMIT
 from freemesh_ray.tracking.store import (
     METRICS_PER_BATCH,
     PARAMS_PER_BATCH,
+    absolute,
     accepted_key,
+    artifacts_of,
     brief,
     connect,
     experiment_id,
+    is_recorded_by,
     run_of,
     unless_refused,
+    without_password,
 )
 
 log = logging.getLogger(__name__)
 
-#: Journal lines read at a time.
-LINES = 1000
+#: Journal lines read at a time, metrics whose steps are remembered, and bytes of a model.
+LINES, METRICS, MODEL_BYTES = 1000, 20_000, 50_000_000
 
 
 class ParentMissingError(RuntimeError):
@@ -35,12 +46,26 @@ class ParentMissingError(RuntimeError):
 class Uploader:
     """Uploads a journal to its store. Every method raises when the store cannot be reached, and may be called again.
 
-    Its memory is two numbers a metric and a path a shared run, however long the journals.
+    Its memory is two numbers a metric and a path a shared run, however long the journals. It changes runs of the store
+    that carry the journal's id and were recorded by this user, and no others.
     """
 
-    def __init__(self, journal: Journal) -> None:
-        self.journal = journal
+    def __init__(self, journal: Journal, uri: str, experiment: str | None = None) -> None:
+        """Read what is delivered already.
+
+        Args:
+            journal: what is delivered; another store than it went to before gets all of it.
+            uri: of the store, as it is configured.
+            experiment: its name; None: as the journal says.
+        """
+        self.journal, self.uri = journal, absolute(uri)
+        state = journal.state
+        target = without_password(self.uri), experiment or state.experiment
+        if (state.uri, state.experiment) != target:
+            journal.state = State(*target, owner=state.owner)
+        self._user = Owner.here().user
         self._client: Any = None
+        self._seen = False  # whether the run in the store was looked at
         self._shared: set[Path] = set()  # those that are delivered
         #: The highest step of each metric, now and when the run was last taken up again.
         self._reached: dict[str, int] = {}
@@ -52,8 +77,11 @@ class Uploader:
                 case "metrics":
                     self._reach(event)
 
-    def deliver(self) -> int:
+    def deliver(self, until: float = math.inf) -> int:
         """Send what has not arrived yet, in order.
+
+        Args:
+            until: when to stop at the latest, by ``time.monotonic``.
 
         Returns:
             The number of journal lines that arrived.
@@ -63,8 +91,15 @@ class Uploader:
         """
         count = 0
         while lines := list(itertools.islice(self.journal.read(self.journal.state.sent), LINES)):
-            # Neighbouring metrics travel together, everything else alone.
-            for _, group in itertools.groupby(lines, lambda line: line[0].get("kind") == "metrics" or line[1]):
+            if not self._seen:
+                self._seen = True
+                if not self._is_ours():
+                    self._begin_anew()
+                    continue
+            # Neighbouring metrics travel together, and so does what is no event; everything else alone.
+            for _, group in itertools.groupby(lines, _company):
+                if time.monotonic() >= until:
+                    return count
                 events, ends = zip(*group, strict=True)
                 self._send(events)
                 self.journal.state.sent = ends[-1]
@@ -72,46 +107,62 @@ class Uploader:
                 count += len(events)
         return count
 
-    def settle(self) -> int:
+    def settle(self, until: float = math.inf) -> int:
         """Deliver all of a journal whose process is gone; without an end of its own the run is FAILED."""
-        last: Event = {}
-        for event, _ in self.journal.read():
-            last = event
+        last = self.journal.last()
         if last.get("kind") != "end":
             self.journal.append({**new_event("end", status="FAILED"), "time": last.get("time", now())})
-        return self.deliver()
+        return self.deliver(until)
 
     def deliver_shared(self) -> None:
         """Send what other runs share with this one, whole journals, each once."""
         for path in shared(self.journal.path.parent).glob("*.jsonl"):
-            if path in self._shared or not (journal := Journal.claim(path)):
+            if path in self._shared or not (journal := Journal.claim(path, self.journal.folder)):
                 continue
             try:
-                Uploader(journal).settle()
+                Uploader(journal, self.uri, self.journal.state.experiment).settle()
             except ParentMissingError:
                 pass  # it was shared with an earlier run of this folder
+            except Exception as error:
+                if not self.store_answers():
+                    raise
+                log.warning("tracking: %s is left as it is (%s)", path, brief(error))
             finally:
                 journal.release()
             self._shared.add(path)
 
-    def fail_killed_runs(self) -> None:
-        """Mark FAILED what this machine's killed processes left RUNNING in the experiment."""
-        client, state = self._store(), self.journal.state
-        query = f"attributes.status = 'RUNNING' and tags.`freemesh.host` = '{platform.node()}'"
-        for run in client.search_runs([self._experiment()], query):
-            path = Path(run.data.tags.get("freemesh.journal", ""))
-            if run.info.run_id == state.run_id:
-                continue
-            if not path.exists():
-                client.set_terminated(run.info.run_id, "FAILED")
-            elif journal := Journal.claim(path):
-                try:
-                    Uploader(journal).settle()
-                finally:
-                    journal.release()
+    def store_answers(self) -> bool:
+        """Whether the store as a whole is there, so that what failed is the journal's."""
+        try:
+            self._store().search_experiments(max_results=1)
+        except Exception:
+            return False
+        return True
+
+    def _is_ours(self) -> bool:
+        """Whether the run that the state names is the journal's, and of this user: a state says what it likes."""
+        state = self.journal.state
+        if state.run_id is None:
+            return state.sent == 0
+        try:
+            run = self._store().get_run(state.run_id)
+        except Exception as error:
+            if getattr(error, "error_code", None) in {"RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE"}:
+                return False
+            raise
+        return is_recorded_by(run, self.journal.id, self._user)
+
+    def _begin_anew(self) -> None:
+        """Deliver everything, to a run of its own."""
+        state = self.journal.state
+        self.journal.state = State(state.uri, state.experiment, owner=state.owner)
+        self._reached, self._repeated = {}, {}
 
     def _send(self, events: tuple[Event, ...]) -> None:
-        match events[0].get("kind"):
+        kind = events[0].get("kind")
+        if kind != "start" and self.journal.state.run_id is None:
+            return  # of a journal whose beginning is lost
+        match kind:
             case "metrics":
                 self._metrics(events)
             case "start":
@@ -128,20 +179,24 @@ class Uploader:
     def _start(self, event: Event) -> None:
         """Make the run, or find the one that an interrupted delivery made, or take it up again."""
         client, state = self._store(), self.journal.state
-        above = self._parent(event.get("parent"))
+        above = self._parent(event["parent"])
         if state.run_id is None:
-            run = run_of(client, self._experiment(), self.journal.id) or client.create_run(
-                self._experiment(), event["time"], {"freemesh.id": self.journal.id}, event["name"]
+            own = {"freemesh.id": self.journal.id, "freemesh.user": self._user}
+            run = run_of(client, self._experiment(), self.journal.id, self._user) or client.create_run(
+                self._experiment(), event["time"], own, event["name"]
             )
             state.run_id = run.info.run_id
             self.journal.save()
-        elif state.sent == 0:  # a run from elsewhere: only the store knows what it has
-            run = client.get_run(state.run_id)
-            for key in run.data.metrics:
-                self._reached[key] = max(metric.step for metric in client.get_metric_history(state.run_id, key))
         self._repeated = dict(self._reached)
         client.update_run(state.run_id, "RUNNING")
-        self._describe(event["params"], event["tags"] | above)
+        told = {key: value for key, value in event["tags"].items() if key == COMMIT or not key.startswith("mlflow.")}
+        self._describe(event["params"], told | self._own_tags() | above)
+
+    def _own_tags(self) -> dict[str, str]:
+        """The tags by which a run is known as this user's, and its process as gone."""
+        owner = self.journal.owner
+        process = {f"freemesh.{name}": value for name, value in owner.told().items()} if owner else {}
+        return process | {"freemesh.id": self.journal.id, "freemesh.user": self._user}
 
     def _parent(self, own_id: str | None) -> dict[str, str]:
         """The tag that hangs the run below its parent."""
@@ -159,7 +214,7 @@ class Uploader:
         old = client.get_run(run_id).data.params
         changed = {f"resumed.{key}": value for key, value in params.items() if old.get(key, value) != value}
         fresh = [Param(accepted_key(key), value) for key, value in params.items() if key not in old]
-        labels = [RunTag(accepted_key(key), value) for key, value in (tags | changed).items()]
+        labels = [RunTag(accepted_key(key), value) for key, value in (changed | tags).items()]
         with unless_refused("tags and parameters"):
             for chunk in _chunks(labels, PARAMS_PER_BATCH):
                 client.log_batch(run_id, tags=chunk, synchronous=True)
@@ -184,34 +239,55 @@ class Uploader:
 
     def _reach(self, event: Event) -> None:
         for key in event["values"]:
-            self._reached[key] = max(event["step"], self._reached.get(key, event["step"]))
+            if key in self._reached or len(self._reached) < METRICS:
+                self._reached[key] = max(event["step"], self._reached.get(key, event["step"]))
 
     def _artifact(self, event: Event) -> None:
         client, run_id, path = self._store(), self.journal.state.run_id, Path(event["path"])
-        upload = client.log_artifacts if path.is_dir() else client.log_artifact
-        try:
-            upload(run_id, str(path), event["folder"])
-        except Exception as error:
-            client.get_run(run_id)  # raises when the store as a whole is away: the artifact then waits with the rest
-            log.warning("tracking: %s was not uploaded (%s)", path, brief(error))
+        with tempfile.TemporaryDirectory() as place:
+            copy = Path(place) / path.name
+            try:  # what was checked is sent, whatever becomes of the file meanwhile
+                own_file.copy(self.journal.folder, path, copy, ARTIFACT_BYTES)
+            except (OSError, ValueError) as error:
+                log.warning("tracking: %s was not uploaded (%s)", ascii(str(path))[1:-1], brief(error))
+                return
+            info = client.get_run(run_id).info
+            try:
+                artifacts_of(client, self.uri, info.artifact_uri).log_artifact(str(copy), event["folder"])
+            except Exception as error:
+                client.get_run(run_id)  # raises when the store as a whole is away: then the artifact waits, too
+                log.warning("tracking: %s was not uploaded (%s)", path, brief(error))
 
     def _model(self, event: Event) -> None:
-        client, policy = self._store(), Path(event["path"])
-        if not policy.is_file():
-            log.warning("tracking: %s was not registered (it is gone)", policy)
-            return
+        client, path = self._store(), Path(event["path"])
         what = {key: event[key] for key in ("mark", "name", "alias", "tags", "description")}
-        with unless_refused("a model"):
-            registry.add_version(client, policy, client.get_run(self.journal.state.run_id), **what)
+        with tempfile.TemporaryDirectory() as place:
+            policy = Path(place) / "policy.npz"
+            try:
+                own_file.copy(self.journal.folder, path, policy, MODEL_BYTES)
+                if registry.fingerprint(policy, self.journal.id) != event["mark"]:
+                    raise own_file.ForeignFileError("it is another")
+            except (OSError, ValueError, PolicyError) as error:
+                log.warning("tracking: %s was not registered (%s)", ascii(str(path))[1:-1], brief(error))
+                return
+            with unless_refused("a model"):
+                run = client.get_run(self.journal.state.run_id)
+                registry.add_version(client, self.uri, policy, run, **what)
 
     def _store(self) -> Any:
         """The client, connected at first use."""
         if self._client is None:
-            self._client = connect(self.journal.state.uri)
+            self._client = connect(self.uri)
         return self._client
 
     def _experiment(self) -> str:
-        return experiment_id(self._store(), self.journal.state.uri, self.journal.state.experiment)
+        return experiment_id(self._store(), self.uri, self.journal.state.experiment)
+
+
+def _company(line: tuple[Event, int]) -> str | int:
+    """What neighbouring lines of a journal share that are sent together."""
+    kind = line[0].get("kind", "none")
+    return kind if kind in ("metrics", "none") else line[1]
 
 
 def _chunks(items: list[Any], size: int) -> Iterator[list[Any]]:

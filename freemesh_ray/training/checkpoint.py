@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from envs.errors import UserError
 from freemesh_ray.storage import state_file
+from freemesh_ray.storage.json_file import read_json
 
 PROGRESS = "progress.json"
 STATE = "state.npz"
@@ -67,7 +68,7 @@ def write(algorithm: Checkpointed, progress: dict[str, Any], path: Path) -> None
     path.mkdir(parents=True, exist_ok=True)
     state_file.save(algorithm.get_state(), path / STATE)
     (path / PROGRESS).unlink(missing_ok=True)
-    with open(path / PROGRESS, "x") as file:
+    with open(path / PROGRESS, "x", encoding="utf-8") as file:
         json.dump(progress, file, indent=1)
         file.flush()
         os.fsync(file.fileno())
@@ -99,9 +100,10 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
     Raises:
         CheckpointError: it is damaged, or none of this version.
+        MemoryShortError: memory has no room for it.
     """
     try:
-        progress = json.loads((path / PROGRESS).read_text())
+        progress = read_json(path / PROGRESS)
         state = state_file.load(path / STATE)
         if not isinstance(progress, dict) or not isinstance(state, dict):
             raise ValueError("no table")

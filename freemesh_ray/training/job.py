@@ -138,6 +138,7 @@ def _attempt(
             params=flatten(config),
             tags=tags(config),
             resume=resume,
+            folders=[*config["paths"].values()],
             enabled=tracking["enabled"],
         ) as run,
     ):
@@ -147,7 +148,7 @@ def _attempt(
         if failures:
             algorithm.reseed(failures)
         with replacing(folder.config) as draft:
-            draft.write_text(dump(config))
+            draft.write_text(dump(config), encoding="utf-8")
         run.artifact(folder.config)
         training.loop()
         stages = conclude(training)
@@ -168,8 +169,9 @@ def started(make: Callable[[Mapping[str, Any]], Algorithm], config: Mapping[str,
 
 def _write_down(folder: RunFolder, error: Exception) -> None:
     """Append the whole story of a failure to the run's log of failures, as far as the disk takes it."""
-    with suppress(OSError), open(folder.failures, "a", opener=refusing_links) as file:
-        file.write(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC\n{''.join(traceback.format_exception(error))}\n")
+    story = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC\n{''.join(traceback.format_exception(error))}\n"
+    with suppress(OSError), open(folder.failures, "ab", opener=refusing_links) as file:
+        file.write(story.encode("utf-8", "backslashreplace"))
 
 
 def tags(config: Mapping[str, Any]) -> dict[str, str]:

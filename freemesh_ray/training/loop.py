@@ -347,7 +347,7 @@ class Training:
     def _append(self, row: dict[str, Any]) -> None:
         path = self.folder.evaluations
         try:
-            with open(path, "a", opener=refusing_links) as file:
+            with open(path, "a", encoding="utf-8", opener=refusing_links) as file:
                 file.write(json.dumps(row) + "\n")
         except OSError as error:
             raise OutputError(f"{path}: cannot be written ({error.strerror}): make room, then --resume") from error

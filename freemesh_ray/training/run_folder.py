@@ -24,6 +24,7 @@ from typing import Any
 
 from envs.errors import FAILED, UserError
 from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.json_file import parsed, read_text
 from freemesh_ray.storage.lock import held
 from freemesh_ray.training import checkpoint
 
@@ -110,26 +111,39 @@ class RunFolder:
             yield
 
     def read_evaluations(self) -> list[dict[str, Any]]:
-        """One entry an evaluation, in the order of their steps; a damaged line, as a kill leaves it, is left out."""
-        try:
-            lines = self.evaluations.read_text(encoding="utf-8", errors="replace").splitlines()
-        except OSError:
-            return []
-        return [json.loads(line) for line in sorted(lines, key=evaluated_at) if math.isfinite(evaluated_at(line))]
+        """One entry an evaluation, in the order of their steps; a damaged line, as a kill leaves it, is left out.
+
+        Raises:
+            RunError: the file is none of a training's.
+        """
+        lines = sorted(self._lines(), key=evaluated_at)
+        return [json.loads(line) for line in lines if math.isfinite(evaluated_at(line))]
 
     def forget_after(self, env_steps: int) -> None:
-        """Drop the evaluations later than ``env_steps``: a run that goes on from there will make them again."""
+        """Drop the evaluations later than ``env_steps``: a run that goes on from there will make them again.
+
+        Raises:
+            RunError: the file is none of a training's.
+        """
         if self.evaluations.is_file():
-            text = self.evaluations.read_text(encoding="utf-8", errors="replace")
-            kept = [line for line in text.splitlines() if evaluated_at(line) <= env_steps]
+            kept = [line for line in self._lines() if evaluated_at(line) <= env_steps]
             with replacing(self.evaluations) as draft:
-                draft.write_text("".join(f"{line}\n" for line in kept))
+                draft.write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
+
+    def _lines(self) -> list[str]:
+        """The lines of the evaluations; none where there is no file."""
+        try:
+            return read_text(self.evaluations).splitlines()
+        except OSError:
+            return []
+        except ValueError as error:
+            raise RunError(f"{self.evaluations}: is no list of evaluations ({error}): move it away") from error
 
 
 def evaluated_at(line: str) -> float:
     """The env steps of one line of evaluations; infinite for a damaged one, as a kill leaves it."""
     try:
-        steps = float(json.loads(line)["env_steps"])
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        steps = float(parsed(line)["env_steps"])
+    except (ValueError, KeyError, TypeError, OverflowError):
         return math.inf
     return steps if steps >= 0 else math.inf

@@ -155,6 +155,7 @@ def test_a_study_s_trials_are_killed_and_go_on_to_their_ends(path: Path, tmp_pat
         assert stage_of(saved) == last
         at = checkpoint.read(saved)[1]["env_steps"]
         assert first.step()["env_steps"] > at  # and is gone with it
+        first.lock.close()  # as the kernel does for a process that is killed
 
         second, rows = begin(config={"trial": name}), []
         # Population based training lets a trial go on from another one's checkpoint.

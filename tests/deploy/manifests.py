@@ -27,6 +27,8 @@ README = (DEPLOY / "README.md").read_text()
 DOCKERFILE = (DEPLOY / "Dockerfile").read_text()
 COMPOSE = yaml.safe_load((DEPLOY / "compose.yaml").read_text())
 SERVICES = COMPOSE["services"]
+#: What an image of others is pinned by.
+DIGEST = "@sha256:[0-9a-f]{64}"
 
 #: What `kubectl apply -k` is given.
 BUILDS = sorted(
@@ -37,13 +39,14 @@ BUILDS = sorted(
 
 
 def pins(path: Path) -> dict[str, str]:
-    """The versions of a lock file, all of them exact."""
-    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
-    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in lines)
-    return {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
+    """The versions of a lock file, all of them exact and with the hashes of their files."""
+    text = "".join(line for line in path.read_text().splitlines(keepends=True) if not line.startswith("#"))
+    entries = re.findall(r"([\w.-]+)==([\w.]+)((?: \\\n    --hash=sha256:[0-9a-f]{64})+)\n", text)
+    assert "".join(f"{name}=={version}{hashes}\n" for name, version, hashes in entries) == text
+    return {canonicalize_name(name): version for name, version, _ in entries}
 
 
-LOCKED = pins(ROOT / "requirements.lock")
+LOCKED, LOCKED_DEV = pins(ROOT / "requirements.lock"), pins(ROOT / "requirements-dev.lock")
 
 
 def is_secret(name: str) -> bool:

@@ -18,6 +18,7 @@ from manifests import (
     BUILDS,
     COMPOSE,
     DEPLOY,
+    DIGEST,
     DOCKERFILE,
     KUBERNETES,
     LOCKED,
@@ -149,16 +150,19 @@ def test_one_version_of_ray() -> None:
 
 def test_images_are_tagged_alike() -> None:
     """The base's tags are Compose's, and every image has one of them."""
-    tags = {
-        entry["name"]: entry["newTag"]
-        for entry in manifests.documents(KUBERNETES / "base/kustomization.yaml")[0]["images"]
-    }
-    assert {f"{name}:{tag}" for name, tag in tags.items()} == {service["image"] for service in SERVICES.values()}
-    assert {container["image"] for container in containers(manifests.base())} == set(tags)
+    ours, theirs = manifests.documents(KUBERNETES / "base/kustomization.yaml")[0]["images"]
+    assert f"{ours['name']}:{ours['newTag']}" == IMAGE
+    assert re.fullmatch(rf"{theirs['name']}:[\w.-]+@{theirs['digest']}", SERVICES["postgres"]["image"])
+    assert {container["image"] for container in containers(manifests.base())} == {ours["name"], theirs["name"]}
+
+
+def test_images_of_others_are_pinned_by_digest() -> None:
+    for service in SERVICES.values():
+        assert service["image"] == IMAGE or re.fullmatch(rf"[\w.:-]+{DIGEST}", service["image"])
 
 
 def test_built_images_have_their_tag() -> None:
-    known = {service["image"] for service in SERVICES.values()}
+    known = {re.sub(r":[\w.-]+@", "@", service["image"]) for service in SERVICES.values()}
     for build in BUILDS:
         assert {container["image"] for container in containers(manifests.built(build)) if "image" in container} <= known
 
@@ -171,7 +175,7 @@ def test_no_secret_is_written_down() -> None:
         text = path.read_text()
         assert not re.search(r"kind: Secret|secretGenerator|stringData", text), path
         assert not re.search(r"://[^/\s:@]+:[^/\s@]+@", text), path
-        assert not re.search(r"\b[0-9a-f]{32,}\b", text), path
+        assert not re.search(r"(?<!sha256:)\b[0-9a-f]{32,}\b", text), path
 
 
 def test_secrets_are_referred_to(objects: list[dict[str, Any]]) -> None:
@@ -290,6 +294,7 @@ def test_compose_services_are_locked_down(name: str) -> None:
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["security_opt"] == ["no-new-privileges:true"]
+    assert 100 <= service["pids_limit"] <= 10_000
     assert any(mount.startswith("/tmp:") for mount in service["tmpfs"])
 
 

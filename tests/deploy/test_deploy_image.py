@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import configparser
+import json
 import re
+import subprocess
+import sys
 import tomllib
 from importlib.metadata import PackageNotFoundError, requires
+from urllib.parse import quote
 
 import manifests
-from manifests import DEPLOY, DOCKERFILE, LOCKED, ROOT, SERVICES, is_secret, templates
+from manifests import DEPLOY, DIGEST, DOCKERFILE, LOCKED, LOCKED_DEV, ROOT, SERVICES, is_secret, templates
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -40,12 +44,56 @@ def test_every_package_of_the_image_is_pinned() -> None:
 
 
 def test_the_image_is_built_from_pinned_parts() -> None:
-    assert re.fullmatch(r"PYTHON_IMAGE=python:3\.11\.\d+-slim-\w+", manifests.instructions("ARG")[0])
+    assert re.fullmatch(rf"PYTHON_IMAGE=python:3\.11\.\d+-slim-\w+{DIGEST}", manifests.instructions("ARG")[0])
     assert manifests.instructions("FROM") == ["${PYTHON_IMAGE} AS build", "${PYTHON_IMAGE}"]
-    assert re.findall(r"torch==([\d.]+)", DOCKERFILE) == [LOCKED["torch"]]
     assert "TORCH_INDEX=https://download.pytorch.org/whl/cpu" in manifests.instructions("ARG")
     installs = [line for line in manifests.instructions("RUN") if "pip install" in line]
-    assert all(re.search(r"--constraint|--no-deps|install (--index-url \S+ )?[\w-]+==\S+$", line) for line in installs)
+    assert len(installs) == 3
+    assert all("--require-hashes" in line or "install --no-build-isolation --no-deps . " in line for line in installs)
+
+
+def test_the_makefile_installs_by_hash_what_is_locked() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    installs = re.findall(r"^\t\$\(PIP\) (.+)$", makefile, re.M)
+    assert len(installs) == 3
+    assert all("--require-hashes" in line or line.startswith("--no-deps --no-build-isolation") for line in installs)
+    assert "--requirement requirements.lock --requirement requirements-dev.lock" in makefile
+    (torch,) = re.findall(r"sed -n '(.+?)' requirements\.lock", DOCKERFILE)
+    assert f"sed -n '{torch.replace('$', '$$')}' requirements.lock" in makefile
+    done = subprocess.run(["sed", "-n", torch, ROOT / "requirements.lock"], capture_output=True, text=True, check=True)
+    assert re.fullmatch(rf"torch=={LOCKED['torch']}( \\\n    --hash=\S+)+\n", done.stdout)
+
+
+def test_the_locks_hold_all_and_nothing_twice() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert not LOCKED.keys() & LOCKED_DEV.keys()
+    assert project["build-system"]["requires"] == [f"setuptools=={LOCKED['setuptools']}"]
+    for line in project["project"]["optional-dependencies"]["dev"]:
+        assert canonicalize_name(Requirement(line).name) in LOCKED_DEV | LOCKED, line
+    for lock in ("requirements.lock", "requirements-dev.lock"):
+        assert not re.search(r"^[^#]*(://|index|find-links)", (ROOT / lock).read_text(), re.M)
+
+
+def test_what_is_installed_is_what_is_locked() -> None:
+    """The bill of materials of this environment, in CycloneDX's form."""
+    line = [sys.executable, "-I", DEPLOY / "bom.py"]
+    first, again = (subprocess.run(line, capture_output=True, text=True, check=True).stdout for _ in range(2))
+    assert first == again
+    bill = json.loads(first)
+    assert (bill["bomFormat"], bill["specVersion"], bill["version"]) == ("CycloneDX", "1.6", 1)
+    installed = {}
+    for each in [bill["metadata"]["component"], *bill["components"]]:
+        assert each["type"] in ("library", "application")
+        assert each["purl"] == each["bom-ref"] == f"pkg:pypi/{each['name']}@{quote(each['version'])}"
+        for told in each.get("licenses", []):
+            assert told.keys() == {"expression"} or (told.keys() == {"license"} and told["license"]["name"])
+        installed[each["name"]] = each["version"].split("+")[0]  # of torch, how it was built
+    references = [each["ref"] for each in bill["dependencies"]]
+    assert len(references) == len(set(references)) == len(installed)
+    assert {needed for each in bill["dependencies"] for needed in each["dependsOn"]} <= set(references)
+    assert installed.pop("freemesh-ray") == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    installed.pop("pip", None)  # which brings all others
+    assert installed == LOCKED | LOCKED_DEV
 
 
 def test_the_image_fetches_nothing_by_hand() -> None:

@@ -131,12 +131,15 @@ def test_a_damaged_end_of_a_training_is_none(tmp_path: Path, text: str) -> None:
 
 def test_damaged_journals_are_read_or_left_alone(tmp_path: Path) -> None:
     journal = Journal.new(tmp_path, State("sqlite:///none", "experiment"))
-    journal.append({"kind": "metrics", "values": {"a": 1.0}})
+    journal.append({"kind": "metrics", "time": 1, "step": 2, "values": {"a": 1.0}})
     journal.release()
     lines, state = journal.path, journal.path.with_suffix(".json")
     with lines.open("ab") as file:
         file.write(b"[" * 100_000 + b"\n\xff\n[1]\n")
-    assert [event for event, _ in Journal.entries(lines)][1:] == [{}, {}, {}]
+    again = Journal.claim(lines, tmp_path)
+    assert again is not None
+    assert [event.get("step") for event, _ in again.read()] == [2, None, None, None]
+    again.release()
     for text in (
         "",
         "[1]",
@@ -145,4 +148,4 @@ def test_damaged_journals_are_read_or_left_alone(tmp_path: Path) -> None:
         '{"uri": "u", "experiment": "e", "sent": -1}',
     ):
         state.write_text(text)
-        assert Journal.claim(lines) is None
+        assert Journal.claim(lines, tmp_path) is None

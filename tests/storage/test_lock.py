@@ -13,13 +13,14 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from processes import ROOT
 
+from envs.errors import UserError
 from freemesh_ray.storage.lock import FILE, InUseError, held, holder
 
 #: Holds a folder's lock until it is killed; the child that it starts outlives it.
@@ -110,3 +111,18 @@ def test_where_no_locks_are_the_work_goes_on_with_a_word(
     with caplog.at_level(logging.WARNING), held(tmp_path, "wait"):
         pass
     assert f"{tmp_path}: no lock can be had (No locks available): let no second process work there" in caplog.text
+
+
+@pytest.mark.parametrize("make", [os.symlink, os.link])
+def test_a_link_in_the_locks_place_is_refused_and_its_target_kept(make: Callable[..., None], tmp_path: Path) -> None:
+    (tmp_path / "key").write_text("a key")
+    (tmp_path / "run").mkdir()
+    make(tmp_path / "key", tmp_path / "run" / FILE)
+    with pytest.raises(UserError, match="is a link to another file: remove it"), held(tmp_path / "run", "wait"):
+        pass
+    assert (tmp_path / "key").read_text() == "a key"
+
+
+def test_no_other_user_may_hold_it(tmp_path: Path) -> None:
+    with held(tmp_path, "wait"):
+        assert (tmp_path / FILE).stat().st_mode & 0o077 == 0

@@ -126,7 +126,7 @@ def test_two_studies_at_once_train_what_both_need_once(tmp_path: Path, blank_dat
     assert Counter(log(tmp_path))["begin 256/1"] == 1
     assert [statuses(tmp_path, name) for name in ("first", "second")] == [{"usual-1": "finished"}] * 2
     assert evaluated(tmp_path, "first") == evaluated(tmp_path, "second") == [[200, 400, 600]]
-    sync(tmp_path)
+    sync(tmp_path, f"sqlite:///{tmp_path / 'mlflow.db'}")
     client = store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
     runs = client.search_runs([client.get_experiment_by_name("freemesh").experiment_id])
     names = {run.info.run_id: run.info.run_name for run in runs}

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +46,10 @@ def filled(blank_database: Path, tmp_path_factory: pytest.TempPathFactory) -> st
 
 @pytest.fixture
 def uri(filled: str, tmp_path: Path) -> str:
+    """A copy of that store, with its artifacts beside it."""
     shutil.copy(filled.removeprefix("sqlite:///"), tmp_path / "mlflow.db")
+    with closing(sqlite3.connect(tmp_path / "mlflow.db")) as database, database:
+        database.execute("update experiments set artifact_location = ?", ((tmp_path / "mlartifacts").as_uri(),))
     return f"sqlite:///{tmp_path / 'mlflow.db'}"
 
 
@@ -126,6 +131,15 @@ def test_what_cannot_be_registered_is_one_line(tmp_path: Path, uri: str):
         register(DEFAULT, uri=uri, name="a/b")
     with pytest.raises(PolicyError, match="no such policy file"):
         register(tmp_path / "policy.npz", uri=uri, name="mesher")
+
+
+def test_a_model_goes_to_the_stores_own_place_alone(filled: str, tmp_path: Path):
+    shutil.copy(filled.removeprefix("sqlite:///"), tmp_path / "mlflow.db")  # its artifacts lie where it was
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    before = sorted(Path(filled.removeprefix("sqlite:///")).parent.rglob("*"))
+    with pytest.raises(TrackingError, match=r"another place: where it was moved set another tracking\.experiment"):
+        register(SHIPPED["dense"], uri=uri, name="mesher", run=versions(uri)[0].run_id)
+    assert sorted(Path(filled.removeprefix("sqlite:///")).parent.rglob("*")) == before
 
 
 def test_a_model_that_cannot_be_registered_does_not_hold_up_its_run(tmp_path: Path, uri: str, caplog: Any):

@@ -60,16 +60,17 @@ def test_the_line_that_shows_a_store_can_be_pasted(tmp_path: Path, monkeypatch: 
 
 
 def test_a_store_that_is_away_is_told_with_the_line_that_delivers_later(
-    blank_database: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+    blank_database: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = tmp_path / "it's a run"
+    folder = tmp_path / "runs" / "it's a run"
+    monkeypatch.setenv("FREEMESH_HOME", str(tmp_path))
     with caplog.at_level(logging.WARNING), MLflowRun(folder, uri=REFUSING, experiment="test", name="one"):
         pass
     (line,) = {message.split("`")[1] for message in caplog.messages if "`freemesh" in message}
     program, *arguments = shlex.split(line)
-    assert (program, arguments) == ("freemesh", ["sync", str(folder)])
+    assert (program, arguments) == ("freemesh", ["sync", str(folder), "--uri", REFUSING])
     shutil.copy(blank_database, tmp_path / "mlflow.db")
-    assert command.main([*arguments, "--uri", f"sqlite:///{tmp_path / 'mlflow.db'}"]) == 0
+    assert command.main([*arguments[:-1], f"sqlite:///{tmp_path / 'mlflow.db'}"]) == 0
     assert names_in(tmp_path / "mlflow.db") == ["one"]
 
 
@@ -87,9 +88,9 @@ def test_a_deleted_experiment_is_told_to_be_restored(
     assert f"'test' is deleted: restore it ({restore})" in caplog.text
     assert "start the server" not in caplog.text
     with pytest.raises(TrackingError, match=r"or set another tracking\.experiment"):
-        sync(tmp_path / "run")
+        sync(tmp_path / "run", uri)
     client.restore_experiment(key)
-    assert sync(tmp_path / "run") == 3
+    assert sync(tmp_path / "run", uri) == 3
 
 
 def test_an_experiment_that_another_process_makes_at_the_same_moment_is_used(
@@ -117,8 +118,21 @@ def test_what_helps_is_told_by_what_is_wrong(said: str, fix: str) -> None:
     assert fix in str(store.failure("http://host", OSError(said)))
 
 
-def test_a_folder_where_nothing_was_tracked_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command.main(["sync", str(tmp_path / "runs" / "typo")]) == 1
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert "typo: nothing was tracked here" in err
+@pytest.mark.parametrize(
+    ("folder", "made", "code", "out", "error"),
+    [
+        ("runs", True, 0, "runs: nothing to deliver\n", ""),
+        ("runs/typo", False, 2, "", "freemesh: runs/typo: no such folder: give a run's folder, or one above many\n"),
+        ("other", True, 1, "", "freemesh: {home}/other: lies outside of {home}/runs and {home}/studies, "
+         "where runs are: nothing is sent; --set paths.runs=FOLDER says where they are\n"),
+    ],
+)  # fmt: skip
+def test_sync_of_nothing_is_one_line(
+    folder: str, made: bool, code: int, out: str, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setenv("FREEMESH_HOME", str(tmp_path))
+    if made:
+        (tmp_path / folder).mkdir()
+    assert command.main(["sync", folder]) == code
+    assert capsys.readouterr() == (out, error.format(home=tmp_path))

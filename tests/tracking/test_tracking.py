@@ -91,12 +91,11 @@ def test_the_configuration_arrives_as_params_and_where_it_ran_as_tags(tmp_path: 
 
 
 def test_artifacts_lie_beside_the_database(tmp_path: Path, uri: str):
-    (tmp_path / "plots").mkdir()
-    (tmp_path / "plots" / "mesh.svg").write_text("<svg/>")
     with started(tmp_path / "run", uri) as run:
-        run.artifact(tmp_path / "plots" / "mesh.svg", "meshes")
-        run.artifact(tmp_path / "plots")
-        run.artifact(tmp_path / "absent.png")
+        (tmp_path / "run" / "mesh.svg").write_text("<svg/>")
+        run.artifact(tmp_path / "run" / "mesh.svg", "meshes")
+        run.artifact(tmp_path / "run" / "mesh.svg")
+        run.artifact(tmp_path / "run" / "absent.png")
         run.metrics({"after": 1}, 1)
     place = tmp_path / "mlartifacts" / str(run.run_id) / "artifacts"
     assert only_run(uri).info.artifact_uri == place.as_uri()
@@ -219,7 +218,7 @@ def test_a_resumed_run_goes_on_and_sends_nothing_twice(tmp_path: Path, uri: str)
     for step in range(5):
         run.metrics({"loss": step}, step)
     run.close("FAILED")
-    with started(tmp_path / "run", uri, params={"a": 1, "b": 3, "c": 4}, run_id=run.run_id) as again:
+    with started(tmp_path / "run", uri, params={"a": 1, "b": 3, "c": 4}, resume=True) as again:
         assert again.run_id == run.run_id
         for step in range(3, 8):
             again.metrics({"loss": 10 + step}, step)
@@ -228,15 +227,6 @@ def test_a_resumed_run_goes_on_and_sends_nothing_twice(tmp_path: Path, uri: str)
     assert found.info.status == "FINISHED"
     assert found.data.params == {"a": "1", "b": "2", "c": "4"}
     assert found.data.tags["resumed.b"] == "3"
-
-
-def test_a_run_can_be_resumed_by_its_id_in_another_folder(tmp_path: Path, uri: str):
-    with started(tmp_path / "here", uri) as run:
-        run.metrics({"loss": 1.0}, 1)
-    with started(tmp_path / "there", uri, run_id=run.run_id) as again:
-        again.metrics({"loss": 2.0}, 1)
-        again.metrics({"loss": 2.0}, 2)
-    assert history(uri, "loss") == [(1, 1.0), (2, 2.0)]
 
 
 def test_a_second_run_in_a_folder_is_a_run_of_its_own(tmp_path: Path, uri: str):
@@ -272,10 +262,10 @@ def killed(folder: Path, uri: str) -> str:
 
 
 def test_a_killed_run_is_failed_by_the_next_start_with_all_it_recorded(tmp_path: Path, uri: str):
-    alive = started(tmp_path / "alive", uri, name="alive")
+    alive = started(tmp_path / "alive", uri, name="alive", folders=[tmp_path])
     dead = killed(tmp_path / "dead", uri)
     assert client(uri).get_run(dead).info.status == "RUNNING"
-    with started(tmp_path / "next", uri):
+    with started(tmp_path / "next", uri, folders=[tmp_path]):
         pass
     assert client(uri).get_run(dead).info.status == "FAILED"
     assert [metric.step for metric in client(uri).get_metric_history(dead, "loss")] == [1, 2]
@@ -302,21 +292,21 @@ def test_a_killed_run_can_be_resumed(tmp_path: Path, uri: str):
 def test_an_absent_store_costs_no_time_and_its_data_is_delivered_later(
     tmp_path: Path, uri: str, caplog: pytest.LogCaptureFixture
 ):
-    (tmp_path / "mesh.svg").write_text("<svg/>")
     begin = time.monotonic()
     with caplog.at_level(logging.WARNING), started(tmp_path / "runs" / "a", REFUSING, params={"p": 1}) as run:
         for step in range(500):
             run.metrics({"loss": step}, step)
-        run.artifact(tmp_path / "mesh.svg")
+        (tmp_path / "runs" / "a" / "mesh.svg").write_text("<svg/>")
+        run.artifact(tmp_path / "runs" / "a" / "mesh.svg")
     assert time.monotonic() - begin < 3
     assert run.run_id is None
     assert f"{REFUSING}: cannot be reached" in caplog.text
 
     with pytest.raises(TrackingError, match=r"^http://127.0.0.1:9: cannot be reached \(.*\): start the server"):
-        sync(tmp_path)
+        sync(tmp_path, REFUSING)
     assert sync(tmp_path / "runs", uri) == 503
     assert sync(tmp_path / "runs", uri) == 0
-    assert sync(tmp_path) == 0
+    assert sync(tmp_path, uri) == 0
     assert history(uri, "loss") == [(step, step) for step in range(500)]
     found = only_run(uri)
     assert (found.info.status, found.data.params) == ("FINISHED", {"p": "1"})
@@ -367,7 +357,7 @@ def test_an_interrupted_delivery_is_repeated_without_repeating_its_data(tmp_path
     (state,) = (tmp_path / "run" / "tracking").glob("*.json")
     saved = json.loads(state.read_text())
     state.write_text(json.dumps(saved | {"sent": 0, "run_id": None}))  # killed before it could note what it had sent
-    assert sync(tmp_path) == 7
+    assert sync(tmp_path, uri) == 7
     assert only_run(uri).info.run_id == run.run_id
     assert history(uri, "loss") == [(step, step) for step in range(5)]
 
@@ -384,7 +374,7 @@ def test_a_store_that_is_none_does_not_stop_training(tmp_path: Path):
         run.metrics({"x": 1}, 1)
     assert run.run_id is None
     with pytest.raises(TrackingError, match="nonsense"):
-        sync(tmp_path)
+        sync(tmp_path, "nonsense://x")
 
 
 # ---- parents and children --------------------------------------------------------------------------------------------
@@ -441,7 +431,7 @@ def test_a_resumed_run_waits_for_whoever_marks_it_failed(tmp_path: Path, uri: st
     with started(tmp_path / "run", uri) as run:
         pass
     (path,) = (tmp_path / "run" / "tracking").glob("*.jsonl")
-    marker = Journal.claim(path)
+    marker = Journal.claim(path, tmp_path)
     assert marker is not None
     threading.Timer(0.5, marker.release).start()
     with started(tmp_path / "run", uri, resume=True) as again:
@@ -452,10 +442,10 @@ def test_a_resumed_run_waits_for_whoever_marks_it_failed(tmp_path: Path, uri: st
 
 
 def test_a_shared_run_is_told_again_below_the_other_parent_and_once(tmp_path: Path, uri: str):
-    (tmp_path / "mesh.svg").write_text("<svg/>")
     with started(tmp_path / "trial", uri, name="trial", params={"p": 1}, tags={"study": "a", "k": "v"}) as trial:
         trial.metrics({"loss": 1.0}, 1)
-        trial.artifact(tmp_path / "mesh.svg")
+        (tmp_path / "trial" / "mesh.svg").write_text("<svg/>")
+        trial.artifact(tmp_path / "trial" / "mesh.svg")
     with started(tmp_path / "trial", uri, name="trial", params={"p": 1}, tags={"study": "a"}, resume=True) as trial:
         trial.metrics({"loss": 9.0}, 1)
         trial.metrics({"loss": 2.0}, 2)
@@ -465,7 +455,7 @@ def test_a_shared_run_is_told_again_below_the_other_parent_and_once(tmp_path: Pa
         assert share(tmp_path / "trial", parent=str(other.id), **here) == copy != trial.id
     with started(tmp_path / "b", uri, name="b", resume=True) as other:
         assert share(tmp_path / "trial", parent=str(other.id), **here) == copy
-    assert sync(tmp_path) == 0
+    assert sync(tmp_path, uri) == 0
     assert family(uri) == {"b": None, "trial": None, "shared": "b"}
     (shared,) = [run for run in runs(uri) if run.info.run_name == "shared"]
     assert (shared.data.params, shared.info.status) == ({"p": "1"}, "FINISHED")
@@ -503,7 +493,7 @@ def test_a_child_of_the_same_parent_is_not_recorded_again(tmp_path: Path, uri: s
             pass
         here = {"uri": uri, "experiment": "test", "name": "copy", "into": tmp_path / "study"}
         assert share(tmp_path / "trial", parent=str(study.id), **here) == trial.id
-    sync(tmp_path)
+    sync(tmp_path, uri)
     assert family(uri) == {"study": None, "trial": "study"}
 
 
@@ -548,9 +538,9 @@ def test_delivery_remembers_metrics_by_name_not_by_step(tmp_path: Path, uri: str
         for step in range(2500):
             run.metrics({"loss": step, "return": step}, step)
     (path,) = (tmp_path / "run" / "tracking").glob("*.jsonl")
-    journal = Journal.claim(path)
+    journal = Journal.claim(path, tmp_path)
     assert journal is not None
-    uploader = Uploader(journal)
+    uploader = Uploader(journal, uri)
     held = [value for value in vars(uploader).values() if isinstance(value, dict | list | set | tuple)]
     assert held
     assert all(len(value) <= 2 for value in held)

@@ -103,7 +103,7 @@ def story(served_store: Server, tmp_path_factory: pytest.TempPathFactory) -> Sto
             trial.kill()
     client = store.connect(served_store.url)
     before = runs(client)
-    delivered = sync(folder), sync(folder)
+    delivered = sync(folder, served_store.url), sync(folder, served_store.url)
     return Story(client, before, runs(client), delivered, slowest)
 
 

@@ -56,7 +56,7 @@ def client(studies: Path) -> Any:
 
 
 def test_all_that_was_to_be_told_is_in_the_store(studies: Path, client: Any):
-    assert sync(studies) == 0
+    assert sync(studies, f"sqlite:///{studies / 'mlflow.db'}") == 0
     runs = client.search_runs([client.get_experiment_by_name("freemesh").experiment_id])
     names = {run.info.run_id: run.info.run_name for run in runs}
     family = sorted((run.info.run_name, names.get(run.data.tags.get("mlflow.parentRunId"), "")) for run in runs)
@@ -77,11 +77,14 @@ def test_all_that_was_to_be_told_is_in_the_store(studies: Path, client: Any):
     assert same.metrics == usual.metrics
 
 
-def test_a_study_is_delivered_with_its_trials(studies: Path, blank_database: Path, tmp_path: Path):
+def test_a_study_is_delivered_with_its_trials(
+    studies: Path, blank_database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     copy = tmp_path / "copy"
     shutil.copytree(studies, copy)
     shutil.copy(blank_database, tmp_path / "other.db")
-    assert main(["sync", str(copy / "studies" / "first"), "--uri", f"sqlite:///{tmp_path / 'other.db'}"]) == 0
+    monkeypatch.setenv("FREEMESH_HOME", str(copy))
+    assert main(["sync", "studies/first", "--uri", f"sqlite:///{tmp_path / 'other.db'}"]) == 0
     other = store.connect(f"sqlite:///{tmp_path / 'other.db'}")
     runs = other.search_runs([other.get_experiment_by_name("freemesh").experiment_id])
     assert {"first", "small-1", "usual-1"} <= {run.info.run_name for run in runs}
