@@ -44,6 +44,9 @@ def first(part: str) -> Callable[[Server], int]:
     return lambda service: named(service.pid, part)[0]
 
 
+#: Those that are killed and never missed.
+SPARED = ("autoscaler", "dashboard", "log monitor")
+
 #: Whether to kill Ray's agents, too, which takes a service for each.
 EVERY = bool(os.environ.get("FREEMESH_EVERY_PROCESS"))
 
@@ -136,7 +139,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """One service for all that it survives; in the end it obeys SIGTERM though all but the command is stopped."""
     with started(tmp_path_factory.mktemp("survives")) as one:
         yield one
-        terminated(one, [name for name in PROCESSES if name != "command"])
+        terminated(one, [name for name in PROCESSES if name not in ("command", *SPARED)])
 
 
 @pytest.mark.parametrize(
