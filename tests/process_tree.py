@@ -14,20 +14,12 @@ from pathlib import Path
 from checkout import ROOT
 from processes import outside
 
-#: What tells each process of Ray's from the others: a part of its command line.
+#: What tells each process of Ray's from the others: a part of one of the first words of its command line.
 RAY = {
     "GCS": "/gcs_server", "raylet": "/raylet/raylet", "monitor": "/monitor.py", "dashboard": "/dashboard/dashboard.py",
     "log monitor": "/log_monitor.py", "dashboard agent": "ray::DashboardAgent",
     "runtime env agent": "ray::RuntimeEnvAgent",
 }  # fmt: skip
-
-
-def alive(number: int) -> bool:
-    """Whether a process is there and no corpse that its parent has not noticed."""
-    try:
-        return Path(f"/proc/{number}/stat").read_text(errors="replace").rpartition(")")[2].split()[0] not in "ZX"
-    except OSError:
-        return False
 
 
 def command_line(number: int) -> str:
@@ -70,8 +62,10 @@ class Command:
         return members(self.process.pid)
 
     def named(self, part: str) -> list[int]:
-        """Its processes whose command line has a part, oldest first."""
-        return sorted(number for number, line in self.members().items() if part in line)
+        """Its processes one of whose first words has a part, oldest first."""
+        return sorted(
+            number for number, line in self.members().items() if any(part in word for word in line.split()[:4])
+        )
 
     def until(self, holds: Callable[[], object], seconds: float, what: str) -> float:
         """Wait until something holds; the seconds that it took."""

@@ -18,6 +18,7 @@ from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
+from freemesh_ray.algorithms.process_group import met_by_file
 from freemesh_ray.policies.evaluation import MODES, evaluate
 from freemesh_ray.policies.policy import Policy
 
@@ -78,6 +79,11 @@ class MeshConfig(AlgorithmConfig):
             if name in settings:
                 setattr(self, name, settings.pop(name))
         return super().training(**settings)
+
+    def build_learner_group(self, **given: Any) -> Any:
+        """RLlib's, whose learners do not listen to the network."""
+        with met_by_file():
+            return super().build_learner_group(**given)
 
     @property
     def _model_config_auto_includes(self) -> dict[str, Any]:

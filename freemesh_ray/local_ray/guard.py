@@ -1,7 +1,8 @@
-"""The guard of an embedded Ray, a process of its own: ``python -m freemesh_ray.local_ray.guard FOLDER PROCESS``.
+"""The guard of an embedded Ray: ``python -m freemesh_ray.local_ray.guard FOLDER PROCESS FIX``, a process of its own.
 
 It looks after what the process has started whose Ray lies in the folder. What somebody has stopped (SIGSTOP) it lets go
-on, and when the process is gone, however it ended, it kills what is left and removes the folder.
+on, and when the process is gone, however it ended, it kills what is left and removes the folder. Where Ray's own code
+or the kernel has ended the process, the guard says the line that it could not say.
 """
 
 from __future__ import annotations
@@ -12,9 +13,14 @@ import shutil
 import signal
 import sys
 from collections import Counter
+from contextlib import suppress
+from pathlib import Path
 
-from freemesh_ray.local_ray.processes import STOPPED, Process, children, command_line, process
+from freemesh_ray.local_ray.processes import STOPPED, Process, children, process
+from freemesh_ray.local_ray.vital import NEEDED, lost, started
 
+#: Who may be gone: Ray's code ends a process that finds its raylet dead, and a dying process takes its raylet along.
+ANY = "this command, or Ray's raylet,"
 #: Seconds between two looks.
 LOOK_SECONDS = 0.5
 #: Looks in a row at which a process is found stopped before it is let go on: a shell's `fg` may be on its way.
@@ -24,11 +30,11 @@ STOPPED_LOOKS = 2
 class Guard:
     """What is known of the processes of one embedded Ray."""
 
-    def __init__(self, folder: str, owner: int) -> None:
+    def __init__(self, folder: Path, owner: int) -> None:
         """Describe it.
 
         Args:
-            folder: of the Ray, which the command lines of its processes name.
+            folder: of the Ray.
             owner: the process that has started it.
         """
         self._folder = folder
@@ -39,9 +45,7 @@ class Guard:
     def look(self) -> None:
         """Remember what there is: also the children of processes that are gone later."""
         if self._owner is not None and self._owner.alive:
-            for child in children(self._owner.number):
-                if child.number != os.getpid() and self._folder in command_line(child.number):
-                    self._known.add(child)
+            self._known.update(started(self._owner.number, self._folder))
         found, new = set[Process](), {one for one in self._known if one.alive}
         while new:
             found |= new
@@ -67,14 +71,29 @@ class Guard:
             self.look()
 
 
-def main(folder: str, owner: str) -> None:
-    """Look until the owner, which holds the other end of the standard input, is gone or closes it."""
+def main(folder: str, owner: str, fix: str) -> None:
+    """Look until the owner, which holds the other end of the standard input, is gone or closes it.
+
+    Args:
+        folder: of its Ray.
+        owner: its number.
+        fix: what it wants its user to do.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    guard = Guard(folder, int(owner))
-    while not select.select([sys.stdin], [], [], LOOK_SECONDS)[0]:
+    guard = Guard(Path(folder), int(owner))
+    needed = False
+    while True:
+        if select.select([0], [], [], LOOK_SECONDS)[0]:
+            told = os.read(0, 1)
+            if not told:
+                break
+            needed = told == NEEDED
         guard.look()
         guard.wake()
+    if needed:
+        with suppress(OSError):
+            os.write(2, f"freemesh: {lost(ANY, fix)}\n".encode(errors="replace"))
     guard.end()
     shutil.rmtree(folder, ignore_errors=True)
 

@@ -18,19 +18,9 @@ from types import TracebackType
 from typing import Self
 
 from envs.errors import FAILED
-from freemesh_ray.local_ray.processes import STOPPED, children, command_line, process
+from freemesh_ray.local_ray.processes import STOPPED, process
+from freemesh_ray.local_ray.vital import NEEDED, NOT_NEEDED, lost, vital
 
-#: Processes without which nothing goes on, and what their command lines tell them by, early and late: Ray ends a raylet
-#: that has lost one of its agents.
-VITAL = {
-    "GCS": ("/gcs_server",),
-    "raylet": ("/raylet/raylet",),
-    "dashboard agent": ("/dashboard/agent.py", "ray::DashboardAgent"),
-    "runtime env agent": ("/runtime_env/agent/main.py", "ray::RuntimeEnvAgent"),
-}
-
-#: Words of a command line that say what it runs; a raylet's further ones name its agents.
-WORDS = 4
 #: Seconds between two looks at the guard.
 LOOK_SECONDS = 0.5
 #: Seconds that the guard gets to end what is left, which takes a few milliseconds.
@@ -51,6 +41,7 @@ class Session:
         self._guard: subprocess.Popen[bytes] | None = None
         self._thread: threading.Thread | None = None
         self._ending = threading.Lock()
+        self._told = NOT_NEEDED
 
     def __enter__(self) -> Self:
         if self._folder is not None and process(os.getpid()) is not None:
@@ -68,14 +59,16 @@ class Session:
 
     def watch(self) -> None:
         """End this process with a line as soon as Ray, which is up now, is not any more; until `unwatch`."""
-        vital = self._vital()
-        if vital:
+        self._tell_guard(NEEDED)
+        watched = vital(os.getpid(), self._folder) if self._folder is not None else {}
+        if watched:
             self._over, self._end_of_watch = os.pipe()
-            self._thread = threading.Thread(target=self._watch, args=(vital,), name="Ray's watch", daemon=True)
+            self._thread = threading.Thread(target=self._watch, args=(watched,), name="Ray's watch", daemon=True)
             self._thread.start()
 
     def unwatch(self) -> None:
         """Ray is going to be ended."""
+        self._tell_guard(NOT_NEEDED)
         if self._thread is not None:
             os.close(self._end_of_watch)
             self._thread.join()
@@ -89,6 +82,7 @@ class Session:
             code: its exit code.
         """
         self._ending.acquire()  # a second one waits for the end
+        self._tell_guard(NOT_NEEDED)
         with suppress(OSError):
             os.write(2, f"freemesh: {line}\n".encode(errors="replace"))
         os._exit(code)
@@ -96,37 +90,32 @@ class Session:
     def _start_guard(self) -> None:
         # A process group of its own: Ctrl-C is for us.
         self._guard = subprocess.Popen(
-            [sys.executable, "-m", "freemesh_ray.local_ray.guard", str(self._folder), str(os.getpid())],
+            [sys.executable, "-m", "freemesh_ray.local_ray.guard", str(self._folder), str(os.getpid()), self._fix],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}, stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, process_group=0,
+            stdout=subprocess.DEVNULL, process_group=0,
         )  # fmt: skip
 
-    def _vital(self) -> dict[int, str]:
-        """The processes of `VITAL`: a descriptor that tells of its death, and what to call it."""
-        ours = [one for one in children(os.getpid()) if str(self._folder) in command_line(one.number)]
-        found = {}
-        for one in [*ours, *(child for parent in ours for child in children(parent.number))]:
-            words = command_line(one.number).split()[:WORDS]
-            for name, endings in VITAL.items():
-                if any(word.endswith(endings) for word in words):
-                    with suppress(OSError):
-                        found[os.pidfd_open(one.number)] = f"Ray's {name} (process {one.number})"
-        return found
+    def _tell_guard(self, what: bytes) -> None:
+        self._told = what
+        if self._guard is not None and self._guard.stdin is not None:
+            with suppress(OSError):  # it was killed
+                os.write(self._guard.stdin.fileno(), what)
 
-    def _watch(self, vital: dict[int, str]) -> None:
+    def _watch(self, watched: dict[int, str]) -> None:
         signs = select.poll()
-        for descriptor in (self._over, *vital):
+        for descriptor in (self._over, *watched):
             signs.register(descriptor, select.POLLIN | select.POLLHUP)
         while self._over not in (told := [descriptor for descriptor, _ in signs.poll(1000 * LOOK_SECONDS)]):
             for descriptor in told:
-                self.end(f"{vital[descriptor]} is gone, killed or out of memory: {self._fix}", FAILED)
+                self.end(lost(watched[descriptor], self._fix), FAILED)
             self._keep_guard()
-        for descriptor in (self._over, *vital):
+        for descriptor in (self._over, *watched):
             os.close(descriptor)
 
     def _keep_guard(self) -> None:
         """Start another guard where this one was killed, and let it go on where it was stopped."""
         if self._guard is not None and self._guard.poll() is not None:
             self._start_guard()
+            self._tell_guard(self._told)
         elif self._guard is not None and (found := process(self._guard.pid)) is not None and found.state == STOPPED:
             found.send(signal.SIGCONT)

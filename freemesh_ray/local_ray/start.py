@@ -15,7 +15,7 @@ from pathlib import Path
 
 from freemesh_ray.local_ray.private_folder import private_folder
 from freemesh_ray.local_ray.session import Session
-from freemesh_ray.local_ray.variables import environment
+from freemesh_ray.local_ray.variables import FOLDER, environment
 
 #: Ray gives itself half a minute to start, which a busy machine may not have.
 ATTEMPTS = 5
@@ -43,6 +43,8 @@ def _start(slots: int, folder: Path) -> None:
     """Start a Ray with as many slots as processes, whatever the machine has: they share its cores."""
     import ray
 
+    if os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] == "0":  # a Ray that was imported before does not know
+        ray._private.ray_constants.ENABLE_RAY_CLUSTER = False
     for attempt in range(ATTEMPTS):
         try:
             ray.init(
@@ -78,16 +80,18 @@ def _own_handler_of_sigterm() -> Iterator[None]:
 
 @contextmanager
 def _temporary_files_in(folder: Path) -> Iterator[None]:
-    """Keep Ray's temporary files, which have names that others can guess, in a folder of our own."""
-    before = os.environ.get("RAY_TMPDIR")
-    os.environ["RAY_TMPDIR"] = str(folder)
+    """Keep files of Ray's and torch's, which would have names that others can guess, in a folder of our own."""
+    ours = {FOLDER: str(folder), "RAY_TMPDIR": str(folder), "TORCHINDUCTOR_CACHE_DIR": str(folder / "torch")}
+    before = {name: os.environ.get(name) for name in ours}
+    os.environ.update(ours)
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["RAY_TMPDIR"]
-        else:
-            os.environ["RAY_TMPDIR"] = before
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 @contextmanager

@@ -5,6 +5,10 @@ from __future__ import annotations
 import os
 import secrets
 import sys
+from pathlib import Path
+
+#: Tells the processes of an embedded Ray of its folder.
+FOLDER = "FREEMESH_RAY_FOLDER"
 
 
 def environment() -> None:
@@ -18,9 +22,24 @@ def environment() -> None:
             named = os.environ.keys() & {"RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"}
             if not named:
                 os.environ["RAY_AUTH_TOKEN"] = secrets.token_hex(32)
-        # Ray's metrics are served to whoever asks.
+        # Learners talk to each other without one.
+        loopback = "lo0" if sys.platform == "darwin" else "lo"
+        os.environ.setdefault("GLOO_SOCKET_IFNAME", loopback)
+        os.environ.setdefault("NCCL_SOCKET_IFNAME", loopback)
+        # Ray's metrics are served to whoever asks; there is no such port.
         os.environ.setdefault("RAY_enable_metrics_collection", "0")
+        os.environ.setdefault("AUTOSCALER_METRIC_PORT", "-1")
+        os.environ.setdefault("DASHBOARD_METRIC_PORT", "-1")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("PYTHONWARNINGS", "ignore::DeprecationWarning")
+
+
+def own_folder() -> Path | None:
+    """The folder of the embedded Ray that this process belongs to; None where Ray is somebody else's."""
+    import ray
+
+    node = ray._private.worker._global_node
+    folder = Path(os.environ.get(FOLDER, os.devnull))
+    return folder if node is not None and folder in Path(node.temp_dir).parents else None

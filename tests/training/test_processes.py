@@ -1,0 +1,185 @@
+"""A real training under attack: what another account on the machine gets of it, and each of its processes stopped and
+killed in turn. docs/faults.md and docs/security.md tell of these tests; with ``pytest -rP`` they print the seconds."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from checkout import ROOT
+from process_tree import RAY, Command, running
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform != "linux", reason="processes are told by /proc"),
+]
+
+OTHERS = {"env runner": "ray::TransitionEnvRunner", "learner": "ray::_WrappedExecutable", "guard": "local_ray.guard"}
+#: Seconds until it trains again: a machine that does nothing else needs a tenth of them; see docs/faults.md.
+PATIENCE = 90.0
+
+
+class Patient:
+    """A training that takes a checkpoint every thousand steps, without end."""
+
+    def __init__(self, command: Command, folder: Path, temporary: Path) -> None:
+        self.command, self.folder, self.temporary = command, folder, temporary
+
+    def steps(self) -> int:
+        """Of the newest checkpoint."""
+        return max((int(path.name[5:]) for path in self.folder.glob("checkpoints/step_*")), default=0)
+
+    def trains_on(self, what: str) -> None:
+        """Wait until it has trained on from now, and tell how long it took."""
+        then = self.steps() + 2000  # the next one may be about to be written
+        print(f"{what}: {self.command.until(lambda: self.steps() > then, PATIENCE, what):.1f} s")
+
+    def send(self, number: signal.Signals, name: str) -> None:
+        """A signal to one of its processes."""
+        victim, *_ = self.command.named((RAY | OTHERS)[name])
+        os.kill(victim, number)
+
+
+@pytest.fixture(scope="module")
+def patient(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Patient]:
+    """Started under the umask that forbids nothing, with a folder for temporary files that anybody can write to."""
+    folder = tmp_path_factory.mktemp("runs")
+    temporary = Path(f"/tmp/t{os.getpid()}")
+    temporary.mkdir()
+    temporary.chmod(0o1777)
+    sets = [
+        f"paths.runs={folder}", "name=patient", "runners.count=2", "learner.count=1", "tracking.enabled=false",
+        "budget.env_steps=1000000000", "budget.minutes=null", "evaluation.interval=1000000000",
+        "checkpoint.interval=1000", "learner.updates_per_step=0.05",
+    ]  # fmt: skip
+    arguments = ["-m", "freemesh_ray", "train", "--config", "train_smoke.yaml"]
+    for setting in sets:
+        arguments += ["--set", setting]
+    before = os.umask(0)
+    try:
+        with running(arguments, folder, {"TMPDIR": str(temporary)}) as command:
+            os.umask(before)
+            patient = Patient(command, folder / "patient", temporary)
+            command.until(patient.steps, 300, "starts")
+            yield patient
+    finally:
+        os.umask(before)
+        subprocess.run(["rm", "-r", str(temporary)], check=True)
+
+
+def test_what_it_writes_follows_the_umask(patient: Patient) -> None:
+    for path in patient.folder.rglob("*"):
+        try:
+            mode = path.lstat().st_mode
+        except FileNotFoundError:  # a checkpoint that has just been replaced
+            continue
+        assert stat.S_IMODE(mode) == (0o777 if stat.S_ISDIR(mode) else 0o666), path
+
+
+def methods() -> list[str]:
+    """Every method of every gRPC service that this Ray has."""
+    import importlib
+    import pkgutil
+
+    from ray.core import generated
+
+    found = {f"/ray.rpc.ObjectManagerService/{name}" for name in ("Push", "Pull", "FreeObjects")}  # C++ alone
+    for module in pkgutil.iter_modules(generated.__path__):
+        if module.name.endswith("_pb2"):
+            services = importlib.import_module(f"ray.core.generated.{module.name}").DESCRIPTOR.services_by_name
+            found |= {f"/{one.full_name}/{method.name}" for one in services.values() for method in one.methods}
+    return sorted(found)
+
+
+def ports(processes: set[int]) -> set[int]:
+    """What the processes listen on."""
+    sockets = set()
+    for number in processes:
+        for link in Path(f"/proc/{number}/fd").glob("*"):
+            try:
+                sockets |= set(re.findall(r"^socket:\[(\d+)\]$", os.readlink(link)))
+            except OSError:
+                continue
+    rows = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
+    listening = [row for row in rows if row[3] == "0A" and row[9] in sockets]
+    strangers = [
+        row[1] for row in listening if not row[1].startswith(("0100007F:", "0000000000000000FFFF00000100007F:"))
+    ]
+    assert strangers == []
+    return {int(row[1].rpartition(":")[2], 16) for row in listening}
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another account")
+def test_another_account_gets_nothing_of_it(patient: Patient) -> None:
+    processes = set(patient.command.members())
+    opened: set[str] = set()
+    for number in processes:
+        for link in Path(f"/proc/{number}/fd").glob("*"):
+            try:
+                opened.add(os.readlink(link))
+            except OSError:
+                continue
+    private = list(patient.temporary.rglob("*"))
+    others = [Path(path) for path in opened if path.startswith(("/tmp/", "/dev/shm/", "/var/tmp/"))]
+    paths = [str(path) for path in [*private, *others] if path.exists() and path != patient.command.log]
+    listening = ports(processes)
+    assert len(paths) > 20
+    assert len(listening) > 5
+    given: dict[str, Any] = {
+        "paths": paths, "processes": sorted(processes), "ports": sorted(listening), "methods": methods()
+    }  # fmt: skip
+    attack = subprocess.run(
+        [sys.executable, ROOT / "tests/training/intruder.py"], input=json.dumps(given), capture_output=True, text=True,
+        timeout=300, cwd="/tmp", env={"PATH": os.environ["PATH"]},
+    )  # fmt: skip
+    assert attack.returncode == 0, attack.stderr
+    told = json.loads(attack.stdout)
+    print(f"{len(paths)} paths, {len(listening)} ports, {told['refused']} calls refused")
+    assert "\n".join(told["got"]) == ""
+    assert told["refused"] > 100
+
+
+@pytest.mark.parametrize("name", [*RAY, *OTHERS])
+def test_a_process_that_is_stopped_goes_on(name: str, patient: Patient) -> None:
+    patient.send(signal.SIGSTOP, name)
+    time.sleep(0.2)
+    patient.trains_on(f"{name} stopped")
+
+
+def test_a_training_that_is_stopped_goes_on_when_it_is_let(patient: Patient) -> None:
+    os.kill(patient.command.process.pid, signal.SIGSTOP)
+    for name in ("GCS", "raylet"):  # as Ctrl-Z does
+        patient.send(signal.SIGSTOP, name)
+    time.sleep(3)
+    os.kill(patient.command.process.pid, signal.SIGCONT)
+    patient.trains_on("driver stopped, and let go on")
+
+
+@pytest.mark.parametrize("name", ["monitor", "dashboard", "log monitor", "guard", "env runner", "learner"])
+def test_a_process_that_is_killed_is_replaced_or_not_needed(name: str, patient: Patient) -> None:
+    patient.send(signal.SIGKILL, name)
+    time.sleep(0.2)
+    patient.trains_on(f"{name} killed")
+
+
+def test_its_raylet_s_death_is_its_end_and_it_goes_on_from_the_last_checkpoint(patient: Patient) -> None:
+    steps = patient.steps()
+    began = time.monotonic()
+    patient.send(signal.SIGKILL, "raylet")
+    assert patient.command.ended(PATIENCE) == 1
+    print(f"{time.monotonic() - began:.1f} s")
+    (line,) = [each for each in patient.command.output.splitlines() if each.startswith("freemesh: ")]
+    assert "Ray's raylet" in line  # Ray's own code may be faster, and only the guard left to tell
+    assert line.endswith(" is gone, killed or out of memory: --resume goes on from the last checkpoint")
+    assert patient.steps() >= steps
+    assert not [*patient.temporary.iterdir()]
