@@ -57,6 +57,9 @@ class Mlp(nn.Module):
             values.append(y.relu_() if i < last else y)
         return values
 
+    def refresh(self) -> None:
+        """Nothing: the weights are read as they are."""
+
     @torch.no_grad()
     def trace(self, x: torch.Tensor) -> list[torch.Tensor]:
         """The input, every hidden layer's output and the network's output, for ``backward``."""
@@ -77,18 +80,19 @@ class Mlp(nn.Module):
             weights.append(self.product(x.mT, gradient))
             biases.append(gradient.sum(dim=-2, keepdim=bool(self.lead)))
             if i:
-                gradient = self._through(self.weights[i], x, gradient)
+                gradient = self.through(self.weights[i], x, gradient)
         return weights[::-1] + biases[::-1]
 
     @torch.no_grad()
     def backward_to_input(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
         """Gradient of the input, (batch, inputs); of a stack the sum over its networks."""
         for i in range(len(self.weights) - 1, 0, -1):
-            gradient = self._through(self.weights[i], trace[i], gradient)
+            gradient = self.through(self.weights[i], trace[i], gradient)
         gradient = self.product(gradient, self.weights[0].mT)
         return gradient.sum(dim=0) if self.lead else gradient
 
-    def _through(self, weight: torch.Tensor, x: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
+    def through(self, weight: torch.Tensor, x: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
+        """Gradient of a hidden layer's output ``x``, where that is above 0, from that of the next layer's output."""
         passed = self.product(gradient, weight.mT)
         return torch.ops.aten.threshold_backward.grad_input(passed, x, 0.0, grad_input=passed)
 

@@ -26,14 +26,16 @@ class OffPolicyConfig(MeshConfig):
     """What the algorithms with a replay buffer have in common; the numbers are those of the paper's table.
 
     Besides MeshConfig's settings: ``replay_buffer_config``, ``tau``, ``actor_lr`` and ``critic_lr`` as RLlib's SAC has
-    them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates), and
-    those of the algorithm's section in a configuration, with their defaults.
+    them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates),
+    ``precision`` (of the factors of the networks' products: float32 or bfloat16), and those of the algorithm's section
+    in a configuration, with their defaults.
 
     A subclass says its name and its learner; what else it may change is below.
     """
 
     OWN = (
         *MeshConfig.OWN, "replay_buffer_config", "tau", "actor_lr", "critic_lr", "updates_per_step", "warmup_steps",
+        "precision",
     )  # fmt: skip
     #: In `ALGORITHMS`, where its settings are.
     NAME: str
@@ -49,6 +51,7 @@ class OffPolicyConfig(MeshConfig):
         self.replay_buffer_config: dict[str, Any] = {"type": "EpisodeReplayBuffer", "capacity": 1_000_000}
         self.updates_per_step = 1.0
         self.warmup_steps = 5_000
+        self.precision = "float32"
         self.rollout_fragment_length = 8
         for name, setting in self._section().items():
             setattr(self, name, setting.default)
@@ -74,6 +77,7 @@ class OffPolicyConfig(MeshConfig):
             replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
             updates_per_step=learner["updates_per_step"],
             warmup_steps=learner["warmup_steps"],
+            precision=learner["precision"],
             **config[self.NAME],
         )
 
@@ -84,7 +88,9 @@ class OffPolicyConfig(MeshConfig):
             ConfigError: one is not.
         """
         super().validate()
-        ranges: dict[str, Field] = {name: SCHEMA[f"learner.{name}"] for name in ("updates_per_step", "warmup_steps")}
+        ranges: dict[str, Field] = {
+            name: SCHEMA[f"learner.{name}"] for name in ("updates_per_step", "warmup_steps", "precision")
+        }
         for name, accepts in (ranges | {name: own.accepts for name, own in self._section().items()}).items():
             check(getattr(self, name), accepts, type(self).__name__, name)
 

@@ -56,6 +56,7 @@ ALGORITHMS: dict[str, Algorithm] = {
         {
             "target_entropy": Hyperparameter("auto", Field(float, -1000, 1000, words=("auto",))),
             "initial_alpha": Hyperparameter(0.1, Field(float, TINY, 1000)),
+            "policy_delay": Hyperparameter(1, Field(int, 1, 1000)),
         },
         figures=ACTOR_CRITIC_FIGURES
         | {
