@@ -26,12 +26,16 @@ from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 from freemesh_ray.algorithms.networks import Mlp
 
+#: Column of a batch: ``Transitions.steps``.
+STEPS = "steps"
+
 
 class Minibatch(NamedTuple):
     """What one gradient step learns from, on the learner's device.
 
     Attributes:
-        obs, actions, rewards, next_obs, terminated: as in ``Transitions``.
+        obs, actions, rewards, next_obs: as in ``Transitions``.
+        discounts: (rows,) what the value of next_obs counts: gamma for each step to it, 0 where it is terminal.
         noise: (draws, rows, action size) standard normal.
     """
 
@@ -39,7 +43,7 @@ class Minibatch(NamedTuple):
     actions: torch.Tensor
     rewards: torch.Tensor
     next_obs: torch.Tensor
-    terminated: torch.Tensor
+    discounts: torch.Tensor
     noise: torch.Tensor
 
 
@@ -170,10 +174,9 @@ class OffPolicyLearner(ConfiguredLearner):
             for network in self._networks(module_id).values():
                 network.refresh()  # the weights may have been set since
             size = config.train_batch_size_per_learner
-            columns = [
-                aligned(rows[key]).split(size)
-                for key in (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS, Columns.TERMINATEDS)
-            ]
+            names = (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS)
+            discounts = config.gamma ** rows[STEPS] * (1.0 - rows[Columns.TERMINATEDS])
+            columns = [aligned(column).split(size) for column in (*(rows[name] for name in names), discounts)]
             columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))
             figures: dict[str, torch.Tensor] = {}
             for minibatch in map(Minibatch, *columns):

@@ -24,7 +24,7 @@ class SACLearner(OffPolicyLearner):
 
     def losses(self, module: SACModule, config: Any, minibatch: Minibatch) -> Iterator[tuple[str, torch.Tensor]]:
         """J_Q(theta), and in the actor's turn J(alpha) before and J(phi) after it."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         target_entropy = -float(actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
         alpha = module.log_alpha.exp().detach()
         turn = self._steps % config.policy_delay == 0
@@ -36,7 +36,7 @@ class SACLearner(OffPolicyLearner):
         with torch.no_grad():
             next_actions, next_log_pi = squashed_gaussian.sample(module.actor(next_obs), noise[1])
             next_value = module.target_q(next_obs, next_actions).amin(dim=0) - alpha * next_log_pi
-            target = rewards + config.gamma * (1.0 - terminated) * next_value
+            target = rewards + discounts * next_value
         yield "critic", 0.5 * (module.q(obs, actions) - target).square().mean(dim=1).sum()
 
         if turn:
@@ -44,7 +44,7 @@ class SACLearner(OffPolicyLearner):
 
     def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
         """The same with its gradients written out."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         module: SACModule = self._module[module_id]
         networks = self._networks(module_id)
         actor, critic, target_critic = (networks[name] for name in ("actor", "critic", "target_critic"))
@@ -65,7 +65,7 @@ class SACLearner(OffPolicyLearner):
         # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
         next_actions, next_log_pi = squashed_gaussian.sample(actor(next_obs), noise[1])
         next_q = target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
-        target = rewards + config.gamma * (1.0 - terminated) * (next_q - alpha * next_log_pi)
+        target = rewards + discounts * (next_q - alpha * next_log_pi)
         critic_trace = critic.trace(torch.cat([obs, actions], dim=1))
         residual = critic_trace[-1] - target.unsqueeze(1)
         critic_parameters: list[torch.Tensor] = list(module.critic.parameters())

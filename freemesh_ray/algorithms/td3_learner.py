@@ -26,14 +26,14 @@ class TD3Learner(OffPolicyLearner):
 
     def losses(self, module: TD3Module, config: Any, minibatch: Minibatch) -> Iterator[tuple[str, torch.Tensor]]:
         """The critics', and in its turn the deterministic policy's."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         with torch.no_grad():
             next_actions = module.target_actor(next_obs).tanh()
             if config.target_noise:
                 limit = config.target_noise_clip
                 next_actions = (next_actions + (config.target_noise * noise[0]).clamp(-limit, limit)).clamp(-1.0, 1.0)
             next_value = module.target_q(next_obs, next_actions).amin(dim=0)
-            target = rewards + config.gamma * (1.0 - terminated) * next_value
+            target = rewards + discounts * next_value
         yield "critic", (module.q(obs, actions) - target).square().mean(dim=1).sum()
 
         if self._steps % config.policy_delay == 0:
@@ -41,7 +41,7 @@ class TD3Learner(OffPolicyLearner):
 
     def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
         """The same with its gradients written out."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         module: TD3Module = self._module[module_id]
         networks = self._networks(module_id)
         actor, critic = networks["actor"], networks["critic"]
@@ -54,7 +54,7 @@ class TD3Learner(OffPolicyLearner):
             smoothing = (config.target_noise * noise[0]).clamp_(-config.target_noise_clip, config.target_noise_clip)
             next_actions = (next_actions + smoothing).clamp_(-1.0, 1.0)
         next_q = networks["target_critic"](torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
-        target = rewards + config.gamma * (1.0 - terminated) * next_q
+        target = rewards + discounts * next_q
         critic_trace = critic.trace(torch.cat([obs, actions], dim=1))
         residual = critic_trace[-1] - target.unsqueeze(1)
         d_q = residual * (2.0 / size)

@@ -26,6 +26,7 @@ SCHEMA: dict[str, Field] = {
     "learner.gamma": Field(float, 0, 1),
     "learner.learning_rate": Field(float, TINY, 1),
     "learner.tau": Field(float, TINY, 1),
+    "learner.n_step": Field(int, 1, 100),
     "learner.updates_per_step": Field(float, TINY, 100),
     "learner.hidden": Field(int, 1, 65536, many=True),
     "learner.warmup_steps": Field(int, 1, 10**9),
