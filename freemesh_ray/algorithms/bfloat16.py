@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import torch
 
-from freemesh_ray.algorithms.networks import Mlp
+from freemesh_ray.algorithms.networks import Mlp, above_zero
 
 
 def native() -> bool:
@@ -47,9 +47,8 @@ class Bfloat16Mlp:
         values = [x.to(torch.bfloat16).expand(*network.lead, *x.shape)]
         for weight, bias in zip(self._weights, self._biases, strict=True):
             values.append(network.layer(bias, values[-1], weight).relu_())
-        values.append(values[-1].to(network.weights[-1].dtype))
-        values.append(network.layer(network.biases[-1], values[-1], network.weights[-1]))
-        return values
+        last = values[-1].to(network.weights[-1].dtype)
+        return [*values, last, network.last(last)]
 
     @torch.no_grad()
     def backward(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> list[torch.Tensor]:
@@ -60,27 +59,23 @@ class Bfloat16Mlp:
             gradient: of the network's output.
         """
         network, full = self._network, gradient.dtype
-        weights = [network.product(trace[-2].mT, gradient)]
+        weights = [network.last_weight_gradient(trace[-2], gradient)]
         biases = [gradient.sum(dim=-2, keepdim=self._stacked)]
-        gradient = self._through_last(trace, gradient)
+        passed = network.before_last(gradient).to(torch.bfloat16)
         for i in range(len(self._weights) - 1, -1, -1):
+            gradient = above_zero(passed, trace[i + 1])
             weights.append(network.product(trace[i].mT, gradient).to(full))
             biases.append(gradient.sum(dim=-2, keepdim=self._stacked, dtype=full))
             if i:
-                gradient = network.through(self._weights[i], trace[i], gradient)
+                passed = network.product(gradient, self._weights[i].mT)
         return weights[::-1] + biases[::-1]
 
     @torch.no_grad()
     def backward_to_input(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
         """Gradient of the input, (batch, inputs) float32; of a stack the sum over its networks."""
         network, full = self._network, gradient.dtype
-        gradient = self._through_last(trace, gradient)
-        for i in range(len(self._weights) - 1, 0, -1):
-            gradient = network.through(self._weights[i], trace[i], gradient)
-        gradient = network.product(gradient, self._weights[0].mT).to(full)
+        gradient = network.before_last(gradient).to(torch.bfloat16)
+        for i in range(len(self._weights) - 1, -1, -1):
+            gradient = network.product(above_zero(gradient, trace[i + 1]), self._weights[i].mT)
+        gradient = gradient.to(full)
         return gradient.sum(dim=0) if self._stacked else gradient
-
-    def _through_last(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
-        """The gradient of the last hidden layer's output, where that is above 0."""
-        passed = self._network.product(gradient, self._network.weights[-1].mT).to(torch.bfloat16)
-        return torch.ops.aten.threshold_backward.grad_input(passed, trace[-3], 0.0, grad_input=passed)

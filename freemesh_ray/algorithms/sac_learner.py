@@ -54,16 +54,22 @@ class SACLearner(OffPolicyLearner):
         turn = self._steps % config.policy_delay == 0
         figures = {"alpha": alpha}
 
+        # The actor at s and s' in one pass; only at s' where it is not its turn
+        if turn:
+            trace = actor.trace(torch.cat([obs, next_obs]))
+            drawn, log_density = squashed_gaussian.sample(trace[-1], noise.flatten(0, 1))
+        else:
+            drawn, log_density = squashed_gaussian.sample(actor(next_obs), noise[1])
+        next_actions, next_log_pi = drawn[-size:], log_density[-size:]
+
         # J(alpha)
         if turn:
-            actor_trace = actor.trace(obs)
-            new_actions, log_pi = squashed_gaussian.sample(actor_trace[-1], noise[0])
+            new_actions, log_pi = drawn[:size], log_density[:size]
             alpha_gradient = -(log_pi.mean() + target_entropy).reshape(1)
             figures |= {"alpha_loss": module.log_alpha * alpha_gradient, "log_pi_mean": log_pi}
             self._descend(module_id, "alpha", [module.log_alpha], [alpha_gradient])
 
         # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
-        next_actions, next_log_pi = squashed_gaussian.sample(actor(next_obs), noise[1])
         next_q = target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
         target = rewards + discounts * (next_q - alpha * next_log_pi)
         critic_trace = critic.trace(torch.cat([obs, actions], dim=1))
@@ -78,6 +84,7 @@ class SACLearner(OffPolicyLearner):
             q_new, smaller = q_trace[-1].min(dim=0, keepdim=True)
             d_q = torch.zeros_like(q_trace[-1]).scatter_(0, smaller, -1.0 / size)
             d_action = critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
+            actor_trace = [part[:size] for part in trace]
             d_outputs = squashed_gaussian.backward(actor_trace[-1], noise[0], new_actions, d_action, alpha / size)
             actor_parameters: list[torch.Tensor] = list(module.actor.parameters())
             self._descend(module_id, "actor", actor_parameters, actor.backward(actor_trace, d_outputs))

@@ -124,13 +124,19 @@ def test_the_export_explores_as_the_training_does_in_the_middle(name: str) -> No
     algorithm.stop()
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ON_POLICY])
-def test_a_restored_training_goes_on_as_the_original(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        *((name, ()) for name in NAMES if name not in ON_POLICY),
+        ("sac", ("learner.n_step=3", "learner.precision=bfloat16", "sac.policy_delay=2")),
+    ],
+)
+def test_a_restored_training_goes_on_as_the_original(name: str, settings: tuple[str, ...], tmp_path: Path) -> None:
     """Bit for bit: networks, optimizers, experience, curriculum, episodes in flight, random states."""
-    original = make(name)
+    original = make(name, *settings)
     rounds(original, 450)
     checkpoint.write(original, {}, tmp_path / "checkpoint")
-    restored = make(name, "seed=99")
+    restored = make(name, "seed=99", *settings)
     checkpoint.hand_over(restored, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     for algorithm in (original, restored):
         rounds(algorithm, 300)
