@@ -17,6 +17,7 @@ from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV
 
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
+from freemesh_ray.algorithms.normaliser import folded
 from freemesh_ray.policies.evaluation import MODES, evaluate
 from freemesh_ray.policies.policy import Policy
 
@@ -259,13 +260,19 @@ class MeshAlgorithm(Algorithm):
         """(weight (critics, inputs, outputs), bias (critics, outputs)) of each layer of the action-value critics,
         float32; empty where there are none.
         """
-        return [(weight, bias[:, 0]) for weight, bias in self._weights("critic", inference_only=False)]
+        return self._weights("critic", inference_only=False)
 
     def _weights(self, network: str, *, inference_only: bool) -> list[tuple[Any, Any]]:
         state = self.learner_group.get_state(components="learner/rl_module", inference_only=inference_only)
         module = state["learner"]["rl_module"][DEFAULT_POLICY_ID]
-        layers = sum(name.startswith(f"{network}.weights") for name in module)
-        return [(module[f"{network}.weights.{i}"], module[f"{network}.biases.{i}"]) for i in range(layers)]
+        count = sum(name.startswith(f"{network}.weights") for name in module)
+        layers = [(module[f"{network}.weights.{i}"], module[f"{network}.biases.{i}"]) for i in range(count)]
+        layers = [
+            (weight, bias.reshape(*weight.shape[:-2], -1)) for weight, bias in layers
+        ]  # of a stack (k, 1, outputs)
+        if "normaliser.mean" in module and layers:
+            return folded(layers, module["normaliser.mean"], module["normaliser.variance"])
+        return layers
 
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """RLlib's state, with what it leaves out: counters and curriculum."""

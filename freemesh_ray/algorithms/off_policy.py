@@ -27,15 +27,15 @@ class OffPolicyConfig(MeshConfig):
 
     Besides MeshConfig's settings: ``replay_buffer_config``, ``tau``, ``actor_lr`` and ``critic_lr`` as RLlib's SAC has
     them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates),
-    ``precision`` (of the factors of the networks' products: float32 or bfloat16), ``n_step`` (steps of a
-    return), and those of the algorithm's section in a configuration, with their defaults.
+    ``precision`` (of the factors of the networks' products: float32 or bfloat16), ``n_step`` (steps of a return),
+    ``normalise_observations``, and those of the algorithm's section in a configuration, with their defaults.
 
     A subclass says its name and its learner; what else it may change is below.
     """
 
     OWN = (
         *MeshConfig.OWN, "replay_buffer_config", "tau", "actor_lr", "critic_lr", "updates_per_step", "warmup_steps",
-        "precision", "n_step",
+        "precision", "n_step", "normalise_observations",
     )  # fmt: skip
     #: In `ALGORITHMS`, where its settings are.
     NAME: str
@@ -53,6 +53,7 @@ class OffPolicyConfig(MeshConfig):
         self.warmup_steps = 5_000
         self.precision = "float32"
         self.n_step = 1
+        self.normalise_observations = False
         self.rollout_fragment_length = 8
         for name, setting in self._section().items():
             setattr(self, name, setting.default)
@@ -80,6 +81,7 @@ class OffPolicyConfig(MeshConfig):
             warmup_steps=learner["warmup_steps"],
             precision=learner["precision"],
             n_step=learner["n_step"],
+            normalise_observations=learner["normalise_observations"],
             **config[self.NAME],
         )
 
@@ -103,9 +105,12 @@ class OffPolicyConfig(MeshConfig):
     def get_default_rl_module_spec(self) -> RLModuleSpec:
         """The algorithm's networks, which know its settings."""
         own = {name: getattr(self, name) for name in self._section()}
-        return RLModuleSpec(
-            module_class=self.MODULE, model_config={"hidden": list(self.hidden), "critics": self.CRITICS} | own
-        )
+        networks = {
+            "hidden": list(self.hidden),
+            "critics": self.CRITICS,
+            "normalise": self.normalise_observations,
+        }
+        return RLModuleSpec(module_class=self.MODULE, model_config=networks | own)
 
 
 def learner_shares(rows: Transitions, minibatches: int, learners: int) -> list[Transitions]:

@@ -34,7 +34,7 @@ class Minibatch(NamedTuple):
     """What one gradient step learns from, on the learner's device.
 
     Attributes:
-        obs, actions, rewards, next_obs: as in ``Transitions``.
+        obs, actions, rewards, next_obs: as in ``Transitions``, observations as the networks see them.
         discounts: (rows,) what the value of next_obs counts: gamma for each step to it, 0 where it is terminal.
         noise: (draws, rows, action size) standard normal.
     """
@@ -175,6 +175,7 @@ class OffPolicyLearner(ConfiguredLearner):
                 network.refresh()  # the weights may have been set since
             size = config.train_batch_size_per_learner
             names = (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS)
+            rows = self._seen(module_id, rows)
             discounts = config.gamma ** rows[STEPS] * (1.0 - rows[Columns.TERMINATEDS])
             columns = [aligned(column).split(size) for column in (*(rows[name] for name in names), discounts)]
             columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))
@@ -188,6 +189,15 @@ class OffPolicyLearner(ConfiguredLearner):
             self.metrics.log_dict(values, key=module_id, window=1)
             losses[module_id] = torch.tensor(sum(values[name] for name in values if name.endswith("_loss")))
         return {}, losses, {}
+
+    def _seen(self, module_id: str, rows: Any) -> dict[str, torch.Tensor]:
+        """The columns with observations as the networks see them, after the normaliser has seen these."""
+        module = self._module[module_id]
+        columns = dict(rows)
+        if module.normaliser is not None:
+            module.normaliser.take(columns[Columns.OBS], distributed=self.distributed)
+            columns |= {key: module.seen(columns[key]) for key in (Columns.OBS, Columns.NEXT_OBS)}
+        return columns
 
     def _drawn(self, count: int, shape: tuple[int, int, int]) -> torch.Tensor:
         """Standard normal noise for ``count`` minibatches, of which this learner has ``shape``, on its device."""

@@ -93,16 +93,19 @@ def test_nothing_is_left_in_the_user_s_home(tmp_path: Path, monkeypatch: pytest.
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_what_is_exported_acts_as_the_module_does(name: str) -> None:
-    algorithm = make(name)
+@pytest.mark.parametrize(
+    ("name", "settings"), [*((name, ()) for name in NAMES), ("sac", ("learner.normalise_observations=true",))]
+)
+def test_what_is_exported_acts_as_the_module_does(name: str, settings: tuple[str, ...]) -> None:
+    algorithm = make(name, *settings)
     rounds(algorithm, 300)
     module = algorithm.learner_group._learner.module[DEFAULT_POLICY_ID]
-    settings = config.load(["train_smoke"], SETTINGS)
-    policy = Policy(algorithm.actor_weights(), config.meshing_parameters(settings), {}, algorithm.critic_weights())
+    parameters = config.meshing_parameters(config.load(["train_smoke"], SETTINGS))
+    policy = Policy(algorithm.actor_weights(), parameters, {}, algorithm.critic_weights())
     obs = np.random.default_rng(0).standard_normal((50, 15)).astype(np.float32)
     with torch.no_grad():
-        expected = module.actor(torch.from_numpy(obs))[:, :3].tanh().numpy()
+        seen = module.seen(torch.from_numpy(obs)) if settings else torch.from_numpy(obs)
+        expected = module.actor(seen)[:, :3].tanh().numpy()
     np.testing.assert_allclose(policy.act(obs, False, np.random.default_rng(0)), expected, atol=1e-5)
     assert [weight.shape[0] for weight, _ in policy.critic[:1]] == {"ddpg": [1], "ppo": []}.get(name, [2])
     found = algorithm.evaluate()
@@ -129,6 +132,7 @@ def test_the_export_explores_as_the_training_does_in_the_middle(name: str) -> No
     [
         *((name, ()) for name in NAMES if name not in ON_POLICY),
         ("sac", ("learner.n_step=3", "learner.precision=bfloat16", "sac.policy_delay=2")),
+        ("td3", ("learner.normalise_observations=true", "learner.n_step=2")),
     ],
 )
 def test_a_restored_training_goes_on_as_the_original(name: str, settings: tuple[str, ...], tmp_path: Path) -> None:
