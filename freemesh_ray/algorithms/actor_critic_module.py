@@ -26,6 +26,9 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
 
     #: Numbers that the actor says of each component of an action.
     OUTPUTS = 2
+    #: What actor and critics are made of.
+    ACTOR: type[Mlp] = Mlp
+    CRITIC: type[MlpStack] = MlpStack
     #: Networks that have a target: of ``critic`` it is ``target_critic``.
     TARGETED: tuple[str, ...] = ("critic",)
 
@@ -36,9 +39,9 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
         action_size = int(self.action_space.shape[0])
         hidden, critics = list(self.model_config["hidden"]), int(self.model_config["critics"])
         self.normaliser = Normaliser(observation_size) if self.model_config.get("normalise") else None
-        self.actor = Mlp(observation_size, hidden, self.OUTPUTS * action_size)
+        self.actor = self.ACTOR(observation_size, hidden, self.OUTPUTS * action_size)
         if not self.inference_only:
-            self.critic = MlpStack(critics, observation_size + action_size, hidden, 1)
+            self.critic = self.CRITIC(critics, observation_size + action_size, hidden, 1)
             for name in self.TARGETED:
                 setattr(self, f"target_{name}", copy.deepcopy(getattr(self, name)).requires_grad_(False))
         self.action_dist_cls = SquashedGaussian

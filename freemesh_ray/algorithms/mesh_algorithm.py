@@ -265,14 +265,17 @@ class MeshAlgorithm(Algorithm):
     def _weights(self, network: str, *, inference_only: bool) -> list[tuple[Any, Any]]:
         state = self.learner_group.get_state(components="learner/rl_module", inference_only=inference_only)
         module = state["learner"]["rl_module"][DEFAULT_POLICY_ID]
-        count = sum(name.startswith(f"{network}.weights") for name in module)
-        layers = [(module[f"{network}.weights.{i}"], module[f"{network}.biases.{i}"]) for i in range(count)]
-        layers = [
-            (weight, bias.reshape(*weight.shape[:-2], -1)) for weight, bias in layers
-        ]  # of a stack (k, 1, outputs)
+        layers = self._layers(module, network)
         if "normaliser.mean" in module and layers:
             return folded(layers, module["normaliser.mean"], module["normaliser.variance"])
         return layers
+
+    def _layers(self, module: Mapping[str, Any], network: str) -> list[tuple[Any, Any]]:
+        """A network's layers, as those of a plain one, from the state of its module."""
+        count = sum(name.startswith(f"{network}.weights") for name in module)
+        weights, biases = ([module[f"{network}.{part}.{i}"] for i in range(count)] for part in ("weights", "biases"))
+        # A stack's biases are (k, 1, outputs).
+        return [(w, b.reshape(*w.shape[:-2], -1)) for w, b in zip(weights, biases, strict=True)]
 
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """RLlib's state, with what it leaves out: counters and curriculum."""

@@ -54,6 +54,8 @@ class OffPolicyLearner(ConfiguredLearner):
     where it needs another amount of noise, how much (``draws``). It may write the step out by hand (``_step``).
     """
 
+    #: Of Adam.
+    BETAS = (0.9, 0.999)
     #: Whether the targets follow only in a step in which the actor was updated.
     TARGETS_WAIT = False
     #: Gradient steps taken, the present one included.
@@ -127,7 +129,7 @@ class OffPolicyLearner(ConfiguredLearner):
             self.register_optimizer(
                 module_id=module_id,
                 optimizer_name=name,
-                optimizer=LeanAdam(parameters, lr=rate),
+                optimizer=LeanAdam(parameters, lr=rate, betas=self.BETAS),
                 params=parameters,
                 lr_or_lr_schedule=rate,
             )

@@ -171,7 +171,8 @@ def test_a_restored_training_learns_at_the_rate_of_its_configuration(name: str, 
     drift = {key: np.abs(weights(restored)[key] - value).max() for key, value in weights(original).items()}
     checkpoint.hand_over(original, checkpoint.read(tmp_path / "checkpoint")[0], tmp_path / "checkpoint")
     for key, value in weights(original).items():
-        if not key.startswith("target"):
+        # Targets and running figures follow at rates of their own.
+        if not key.startswith("target") and not key.endswith((".mean", ".variance", ".batches")):
             np.testing.assert_allclose(weights(restored)[key], value, rtol=0, atol=1e-6, err_msg=key)
     assert max(drift.values()) > 1e-5
     for algorithm in (original, restored):

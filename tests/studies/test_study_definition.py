@@ -225,7 +225,7 @@ def test_a_run_s_identity_is_all_that_decides_its_result(key: str):
         value = OTHER[SCHEMA[key].kind]
         changed[section][name] = value if flat[key] != value else "yet another"
     same = plan.identity(changed, "source") == plan.identity(tree, "source")
-    others = ("td3.", "ddpg.", "ppo.")  # the tree is sac's
+    others = ("td3.", "ddpg.", "crossq.", "ppo.")  # the tree is sac's
     assert same == key.startswith(plan.OUTSIDE_IDENTITY + others)
 
 
