@@ -25,7 +25,7 @@ class Bfloat16Mlp:
 
     def __init__(self, network: Mlp) -> None:
         self._network = network
-        self._read = [*network.weights[:-1], *network.biases[:-1]]
+        self._read = [*list(network.weights)[:-1], *list(network.biases)[:-1]]
         self._rounded = [tensor.detach().to(torch.bfloat16) for tensor in self._read]
         hidden = len(network.weights) - 1
         self._weights, self._biases = self._rounded[:hidden], self._rounded[hidden:]

@@ -58,7 +58,8 @@ class Mlp(nn.Module):
 
     def _layers(self, x: torch.Tensor) -> list[torch.Tensor]:
         values = [x.expand(*self.lead, *x.shape)]
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+        *hidden, _ = zip(self.weights, self.biases, strict=True)
+        for weight, bias in hidden:
             values.append(self.layer(bias, values[-1], weight).relu_())
         return [*values, self.last(values[-1])]
 
