@@ -12,18 +12,23 @@ from ray.rllib.core.rl_module.torch.torch_rl_module import TorchRLModule
 
 from freemesh_ray.algorithms import squashed_gaussian
 from freemesh_ray.algorithms.networks import Mlp, MlpStack
+from freemesh_ray.algorithms.normaliser import Normaliser
 from freemesh_ray.algorithms.squashed_gaussian import SquashedGaussian
 
 
 class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
     """pi_phi, a squashed Gaussian; its critics Q_theta1 .. Q_thetak; and the targets of the critics.
 
-    ``model_config``: ``hidden``, the units of each hidden layer of every network; ``critics``, k; and the settings of
-    the algorithm's section in a configuration.
+    ``model_config``: ``hidden``, the units of each hidden layer of every network; ``critics``, k; ``normalise``,
+    whether the networks see normalised observations (``seen``); and the settings of the algorithm's section in a
+    configuration.
     """
 
     #: Numbers that the actor says of each component of an action.
     OUTPUTS = 2
+    #: What actor and critics are made of.
+    ACTOR: type[Mlp] = Mlp
+    CRITIC: type[MlpStack] = MlpStack
     #: Networks that have a target: of ``critic`` it is ``target_critic``.
     TARGETED: tuple[str, ...] = ("critic",)
 
@@ -33,9 +38,10 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
         observation_size = int(self.observation_space.shape[0])
         action_size = int(self.action_space.shape[0])
         hidden, critics = list(self.model_config["hidden"]), int(self.model_config["critics"])
-        self.actor = Mlp(observation_size, hidden, self.OUTPUTS * action_size)
+        self.normaliser = Normaliser(observation_size) if self.model_config.get("normalise") else None
+        self.actor = self.ACTOR(observation_size, hidden, self.OUTPUTS * action_size)
         if not self.inference_only:
-            self.critic = MlpStack(critics, observation_size + action_size, hidden, 1)
+            self.critic = self.CRITIC(critics, observation_size + action_size, hidden, 1)
             for name in self.TARGETED:
                 setattr(self, f"target_{name}", copy.deepcopy(getattr(self, name)).requires_grad_(False))
         self.action_dist_cls = SquashedGaussian
@@ -43,6 +49,10 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
     def get_non_inference_attributes(self) -> list[str]:
         """What acting does not need."""
         return ["critic", *(f"target_{name}" for name in self.TARGETED)]
+
+    def seen(self, obs: torch.Tensor) -> torch.Tensor:
+        """Observations as actor and critics take them."""
+        return obs if self.normaliser is None else self.normaliser(obs)
 
     def q(self, obs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """Q_theta1 .. Q_thetak of each row, (k, batch)."""
@@ -54,8 +64,8 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
 
     def explore(self, obs: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """Actions to collect experience with, (batch, action size), for standard normal ``noise`` of that shape."""
-        mean, log_std = squashed_gaussian.split(self.actor(obs))
+        mean, log_std = squashed_gaussian.split(self.actor(self.seen(obs)))
         return (mean + log_std.exp() * noise).tanh()
 
     def _forward(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
-        return {Columns.ACTION_DIST_INPUTS: self.actor(batch[Columns.OBS])}
+        return {Columns.ACTION_DIST_INPUTS: self.actor(self.seen(batch[Columns.OBS]))}

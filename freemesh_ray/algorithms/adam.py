@@ -15,9 +15,11 @@ class LeanAdam(torch.optim.Adam):
     the fused kernel with the tensors remembered from it.
     """
 
-    def __init__(self, parameters: Sequence[torch.Tensor], lr: float) -> None:
+    def __init__(
+        self, parameters: Sequence[torch.Tensor], lr: float, betas: tuple[float, float] = (0.9, 0.999)
+    ) -> None:
         self._tensors: tuple[list[torch.Tensor], ...] | None = None
-        super().__init__(list(parameters), lr=lr, fused=True)
+        super().__init__(list(parameters), lr=lr, betas=betas, fused=True)
 
     def load_state_dict(self, state_dict: Any) -> None:
         """Take over a state."""

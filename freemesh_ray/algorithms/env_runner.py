@@ -14,6 +14,7 @@ from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
 from freemesh_ray.algorithms.alignment import aligned
+from freemesh_ray.algorithms.n_step import NStepReturns
 from freemesh_ray.algorithms.replay_buffer import Transitions, concatenate
 
 
@@ -93,6 +94,8 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         self._lengths = np.zeros(self.num_envs, dtype=np.int64)
         #: Length and return so far of the episodes that ``rollout`` has begun.
         self._begun: dict[str, tuple[int, float]] = {}
+        #: Steps whose returns are not yet known; None where each is known at once.
+        self._n_step = self._n_step_returns() if getattr(self.config, "n_step", 1) > 1 else None
 
     def collect(
         self, rounds: int, *, uniform: bool = False, task: Mapping[str, float] | None = None
@@ -130,12 +133,11 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             next_obs, rewards, terminated, truncated, infos = env.step(actions)
             # The step after an end only resets (NEXT_STEP): it is no transition.
             live = ~self._ended
-            steps.append(
-                Transitions(
-                    obs[live], actions[live], rewards[live].astype(np.float32),
-                    next_obs[live], terminated[live].astype(np.float32),
-                )
+            step = Transitions(
+                obs[live], actions[live], rewards[live].astype(np.float32),
+                next_obs[live], terminated[live].astype(np.float32), np.ones(live.sum(), dtype=np.float32),
             )  # fmt: skip
+            steps.append(step if self._n_step is None else self._n_step.add(live, step, terminated | truncated))
             self._returns[live] += rewards[live]
             self._lengths[live] += 1
             self._ended = terminated | truncated
@@ -198,6 +200,7 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
             "returns": self._returns.copy(),
             "lengths": self._lengths.copy(),
             "random": self._random.bit_generator.state,
+            "n_step": None if self._n_step is None else self._n_step.get_state(),
         }
 
     def set_rollout_state(self, state: dict[str, Any]) -> None:
@@ -209,12 +212,21 @@ class TransitionEnvRunner(SingleAgentEnvRunner):
         self.env.unwrapped.set_state(state["env"])
         self._obs, self._ended = state["obs"], state["ended"].copy()
         self._returns, self._lengths = state["returns"].copy(), state["lengths"].copy()
+        if self._n_step is not None and state.get("n_step"):
+            self._n_step.set_state(state["n_step"])
 
     def _begin(self, env: Any) -> None:
         self._obs, _ = env.reset(seed=int(self._random.integers(2**31)))
         self._ended[:] = False
         self._returns[:] = 0.0
         self._lengths[:] = 0
+        if self._n_step is not None:
+            self._n_step.clear()
+
+    def _n_step_returns(self) -> NStepReturns:
+        env = self.env.unwrapped
+        widths = env.single_observation_space.shape[0], env.single_action_space.shape[0]
+        return NStepReturns(self.config.n_step, self.config.gamma, self.num_envs, *widths)
 
     def _uniform_actions(self, env: Any) -> np.ndarray:
         space = env.single_action_space

@@ -18,6 +18,7 @@ from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
+from freemesh_ray.algorithms.normaliser import folded
 from freemesh_ray.algorithms.process_group import met_by_file
 from freemesh_ray.policies.evaluation import MODES, evaluate
 from freemesh_ray.policies.policy import Policy
@@ -280,13 +281,22 @@ class MeshAlgorithm(Algorithm):
         """(weight (critics, inputs, outputs), bias (critics, outputs)) of each layer of the action-value critics,
         float32; empty where there are none.
         """
-        return [(weight, bias[:, 0]) for weight, bias in self._weights("critic", inference_only=False)]
+        return self._weights("critic", inference_only=False)
 
     def _weights(self, network: str, *, inference_only: bool) -> list[tuple[Any, Any]]:
         state = self.learner_group.get_state(components="learner/rl_module", inference_only=inference_only)
         module = state["learner"]["rl_module"][DEFAULT_POLICY_ID]
-        layers = sum(name.startswith(f"{network}.weights") for name in module)
-        return [(module[f"{network}.weights.{i}"], module[f"{network}.biases.{i}"]) for i in range(layers)]
+        layers = self._layers(module, network)
+        if "normaliser.mean" in module and layers:
+            return folded(layers, module["normaliser.mean"], module["normaliser.variance"])
+        return layers
+
+    def _layers(self, module: Mapping[str, Any], network: str) -> list[tuple[Any, Any]]:
+        """A network's layers, as those of a plain one, from the state of its module."""
+        count = sum(name.startswith(f"{network}.weights") for name in module)
+        weights, biases = ([module[f"{network}.{part}.{i}"] for i in range(count)] for part in ("weights", "biases"))
+        # A stack's biases are (k, 1, outputs).
+        return [(w, b.reshape(*w.shape[:-2], -1)) for w, b in zip(weights, biases, strict=True)]
 
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """RLlib's state, with what it leaves out: counters and curriculum."""

@@ -14,7 +14,7 @@ from ray.rllib.utils.metrics import NUM_ENV_STEPS_SAMPLED_LIFETIME
 from freemesh_ray.algorithms.actor_critic_module import ActorCriticModule
 from freemesh_ray.algorithms.env_runner import Collected
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
-from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
+from freemesh_ray.algorithms.off_policy_learner import STEPS, OffPolicyLearner
 from freemesh_ray.algorithms.replay_buffer import ReplayBuffer, Transitions
 from freemesh_ray.config import ALGORITHMS, SCHEMA, Field, Hyperparameter, check
 
@@ -26,14 +26,16 @@ class OffPolicyConfig(MeshConfig):
     """What the algorithms with a replay buffer have in common; the numbers are those of the paper's table.
 
     Besides MeshConfig's settings: ``replay_buffer_config``, ``tau``, ``actor_lr`` and ``critic_lr`` as RLlib's SAC has
-    them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates), and
-    those of the algorithm's section in a configuration, with their defaults.
+    them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates),
+    ``precision`` (of the factors of the networks' products: float32 or bfloat16), ``n_step`` (steps of a return),
+    ``normalise_observations``, and those of the algorithm's section in a configuration, with their defaults.
 
     A subclass says its name and its learner; what else it may change is below.
     """
 
     OWN = (
         *MeshConfig.OWN, "replay_buffer_config", "tau", "actor_lr", "critic_lr", "updates_per_step", "warmup_steps",
+        "precision", "n_step", "normalise_observations",
     )  # fmt: skip
     #: In `ALGORITHMS`, where its settings are.
     NAME: str
@@ -49,6 +51,9 @@ class OffPolicyConfig(MeshConfig):
         self.replay_buffer_config: dict[str, Any] = {"type": "EpisodeReplayBuffer", "capacity": 1_000_000}
         self.updates_per_step = 1.0
         self.warmup_steps = 5_000
+        self.precision = "float32"
+        self.n_step = 1
+        self.normalise_observations = False
         self.rollout_fragment_length = 8
         for name, setting in self._section().items():
             setattr(self, name, setting.default)
@@ -74,6 +79,9 @@ class OffPolicyConfig(MeshConfig):
             replay_buffer_config={"type": "EpisodeReplayBuffer", "capacity": learner["buffer_size"]},
             updates_per_step=learner["updates_per_step"],
             warmup_steps=learner["warmup_steps"],
+            precision=learner["precision"],
+            n_step=learner["n_step"],
+            normalise_observations=learner["normalise_observations"],
             **config[self.NAME],
         )
 
@@ -84,7 +92,9 @@ class OffPolicyConfig(MeshConfig):
             ConfigError: one is not.
         """
         super().validate()
-        ranges: dict[str, Field] = {name: SCHEMA[f"learner.{name}"] for name in ("updates_per_step", "warmup_steps")}
+        ranges: dict[str, Field] = {
+            name: SCHEMA[f"learner.{name}"] for name in ("updates_per_step", "warmup_steps", "precision", "n_step")
+        }
         for name, accepts in (ranges | {name: own.accepts for name, own in self._section().items()}).items():
             check(getattr(self, name), accepts, type(self).__name__, name)
 
@@ -95,9 +105,12 @@ class OffPolicyConfig(MeshConfig):
     def get_default_rl_module_spec(self) -> RLModuleSpec:
         """The algorithm's networks, which know its settings."""
         own = {name: getattr(self, name) for name in self._section()}
-        return RLModuleSpec(
-            module_class=self.MODULE, model_config={"hidden": list(self.hidden), "critics": self.CRITICS} | own
-        )
+        networks = {
+            "hidden": list(self.hidden),
+            "critics": self.CRITICS,
+            "normalise": self.normalise_observations,
+        }
+        return RLModuleSpec(module_class=self.MODULE, model_config=networks | own)
 
 
 def learner_shares(rows: Transitions, minibatches: int, learners: int) -> list[Transitions]:
@@ -117,6 +130,7 @@ def batch(rows: Transitions) -> MultiAgentBatch:
         Columns.REWARDS: rows.rewards,
         Columns.NEXT_OBS: rows.next_obs,
         Columns.TERMINATEDS: rows.terminated,
+        STEPS: rows.steps,
     }
     return MultiAgentBatch({DEFAULT_POLICY_ID: SampleBatch(columns)}, env_steps=len(rows))
 

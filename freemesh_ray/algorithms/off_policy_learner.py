@@ -1,7 +1,9 @@
 """k gradient steps on k minibatches in one call.
 
 A step descends along the losses of an algorithm as its paper prints them, by automatic differentiation. SAC and TD3
-have the same step with its gradients written out, which is faster; tests hold the two equal.
+have the same step with its gradients written out, which is faster; tests hold the two equal. With ``precision``
+bfloat16 the networks' products multiply bfloat16 numbers: in the written-out steps as `Bfloat16Mlp` does it, else as
+torch's autocast does.
 
 Several learners do what one would do with the whole minibatches: each has its share of the rows of every one, and
 descends along the mean of all learners' gradients.
@@ -20,14 +22,20 @@ from ray.rllib.core.columns import Columns
 from freemesh_ray.algorithms.adam import LeanAdam
 from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
+from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
+from freemesh_ray.algorithms.networks import Mlp
+
+#: Column of a batch: ``Transitions.steps``.
+STEPS = "steps"
 
 
 class Minibatch(NamedTuple):
     """What one gradient step learns from, on the learner's device.
 
     Attributes:
-        obs, actions, rewards, next_obs, terminated: as in ``Transitions``.
+        obs, actions, rewards, next_obs: as in ``Transitions``, observations as the networks see them.
+        discounts: (rows,) what the value of next_obs counts: gamma for each step to it, 0 where it is terminal.
         noise: (draws, rows, action size) standard normal.
     """
 
@@ -35,7 +43,7 @@ class Minibatch(NamedTuple):
     actions: torch.Tensor
     rewards: torch.Tensor
     next_obs: torch.Tensor
-    terminated: torch.Tensor
+    discounts: torch.Tensor
     noise: torch.Tensor
 
 
@@ -46,6 +54,10 @@ class OffPolicyLearner(ConfiguredLearner):
     where it needs another amount of noise, how much (``draws``). It may write the step out by hand (``_step``).
     """
 
+    #: Of Adam.
+    BETAS = (0.9, 0.999)
+    #: Whether the targets follow only in a step in which the actor was updated.
+    TARGETS_WAIT = False
     #: Gradient steps taken, the present one included.
     _steps = 0
 
@@ -53,8 +65,8 @@ class OffPolicyLearner(ConfiguredLearner):
     def losses(self, module: Any, config: Any, minibatch: Minibatch) -> Iterator[tuple[str, torch.Tensor]]:
         """One step as a textbook prints it: an optimizer's name and the scalar loss that it descends along, in order.
 
-        Each optimizer has made its step before the next loss is asked for. After the last one the targets follow, if
-        there was a loss of the actor.
+        Each optimizer has made its step before the next loss is asked for. After the last one the targets follow; with
+        ``TARGETS_WAIT`` if there was a loss of the actor.
 
         Args:
             module: what is updated.
@@ -84,16 +96,32 @@ class OffPolicyLearner(ConfiguredLearner):
         module = self._module[module_id]
         optimised = self.optimised(module, config)
         figures = {}
-        with torch.enable_grad():
+        rounded = torch.autocast(self._device.type, torch.bfloat16, self._rounds, cache_enabled=False)
+        with torch.enable_grad(), rounded:
             for name, loss in self.losses(module, config, minibatch):
                 parameters = optimised[name][0]
                 self._descend(module_id, name, parameters, torch.autograd.grad(loss, parameters))
                 figures[f"{name}_loss"] = loss.detach()
-        if "actor_loss" in figures:
-            for name in module.TARGETED:
-                network, target = getattr(module, name), getattr(module, f"target_{name}")
-                torch._foreach_lerp_(list(target.parameters()), list(network.parameters()), config.tau)
+        if "actor_loss" in figures or not self.TARGETS_WAIT:
+            self._follow(module_id, config)
         return figures
+
+    def _follow(self, module_id: str, config: Any) -> None:
+        """Let the targets follow their networks."""
+        module = self._module[module_id]
+        for name in module.TARGETED:
+            network, target = getattr(module, name), getattr(module, f"target_{name}")
+            torch._foreach_lerp_(list(target.parameters()), list(network.parameters()), config.tau)
+            self._networks(module_id)[f"target_{name}"].refresh()
+
+    def _networks(self, module_id: str) -> dict[str, Mlp | Bfloat16Mlp]:
+        """The module's networks by name, as a written-out step evaluates them."""
+        if module_id not in self._evaluated:
+            networks = {name: part for name, part in self._module[module_id].named_children() if isinstance(part, Mlp)}
+            self._evaluated[module_id] = {
+                name: Bfloat16Mlp(network) if self._rounds else network for name, network in networks.items()
+            }
+        return self._evaluated[module_id]
 
     def configure_optimizers_for_module(self, module_id: str, config: AlgorithmConfig | None = None) -> None:
         """One fused Adam for each of ``optimised``."""
@@ -101,13 +129,16 @@ class OffPolicyLearner(ConfiguredLearner):
             self.register_optimizer(
                 module_id=module_id,
                 optimizer_name=name,
-                optimizer=LeanAdam(parameters, lr=rate),
+                optimizer=LeanAdam(parameters, lr=rate, betas=self.BETAS),
                 params=parameters,
                 lr_or_lr_schedule=rate,
             )
 
     def build(self) -> None:
         """Build module, optimizers and the source of the steps' noise."""
+        self._evaluated: dict[str, dict[str, Mlp | Bfloat16Mlp]] = {}
+        #: Whether products are of bfloat16 numbers.
+        self._rounds = self.config.precision == "bfloat16"
         super().build()
         # Every learner draws the noise of the whole minibatch and takes that of its rows. On the CPU whatever the
         # learner's device: so a state can be taken over by a learner of another device, and by another number of them.
@@ -142,11 +173,13 @@ class OffPolicyLearner(ConfiguredLearner):
         losses: dict[str, Any] = {}
         for module_id, rows in batch.items():
             config = self.config.get_config_for_module(module_id)
+            for network in self._networks(module_id).values():
+                network.refresh()  # the weights may have been set since
             size = config.train_batch_size_per_learner
-            columns = [
-                aligned(rows[key]).split(size)
-                for key in (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS, Columns.TERMINATEDS)
-            ]
+            names = (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS)
+            rows = self._seen(module_id, rows)
+            discounts = config.gamma ** rows[STEPS] * (1.0 - rows[Columns.TERMINATEDS])
+            columns = [aligned(column).split(size) for column in (*(rows[name] for name in names), discounts)]
             columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))
             figures: dict[str, torch.Tensor] = {}
             for minibatch in map(Minibatch, *columns):
@@ -158,6 +191,15 @@ class OffPolicyLearner(ConfiguredLearner):
             self.metrics.log_dict(values, key=module_id, window=1)
             losses[module_id] = torch.tensor(sum(values[name] for name in values if name.endswith("_loss")))
         return {}, losses, {}
+
+    def _seen(self, module_id: str, rows: Any) -> dict[str, torch.Tensor]:
+        """The columns with observations as the networks see them, after the normaliser has seen these."""
+        module = self._module[module_id]
+        columns = dict(rows)
+        if module.normaliser is not None:
+            module.normaliser.take(columns[Columns.OBS], distributed=self.distributed)
+            columns |= {key: module.seen(columns[key]) for key in (Columns.OBS, Columns.NEXT_OBS)}
+        return columns
 
     def _drawn(self, count: int, shape: tuple[int, int, int]) -> torch.Tensor:
         """Standard normal noise for ``count`` minibatches, of which this learner has ``shape``, on its device."""
@@ -173,3 +215,5 @@ class OffPolicyLearner(ConfiguredLearner):
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient
         self._named_optimizers[f"{module_id}_{name}"].step()
+        if name in (networks := self._networks(module_id)):
+            networks[name].refresh()

@@ -13,14 +13,15 @@ from ray.rllib.utils.checkpoints import Checkpointable
 
 
 class Transitions(NamedTuple):
-    """(s, a, r, s', terminated), one row a step.
+    """(s, a, r, s', terminated), one row a step, or the return of several steps.
 
     Attributes:
         obs: (m, observation size) float32.
         actions: (m, action size) float32.
-        rewards: (m,) float32.
-        next_obs: (m, observation size) float32.
+        rewards: (m,) float32, discounted to s where they are of several steps.
+        next_obs: (m, observation size) float32, after the last of them.
         terminated: (m,) float32, 1 where s' is terminal.
+        steps: (m,) float32, how many steps lie between s and s'.
     """
 
     obs: np.ndarray
@@ -28,6 +29,7 @@ class Transitions(NamedTuple):
     rewards: np.ndarray
     next_obs: np.ndarray
     terminated: np.ndarray
+    steps: np.ndarray
 
     def __len__(self) -> int:  # rows, not fields
         return len(self.rewards)
@@ -56,6 +58,7 @@ class ReplayBuffer(Checkpointable):
             np.empty((capacity, action_size), dtype=np.float32),
             np.empty(capacity, dtype=np.float32),
             np.empty((capacity, observation_size), dtype=np.float32),
+            np.empty(capacity, dtype=np.float32),
             np.empty(capacity, dtype=np.float32),
         )
         self._size = 0

@@ -28,16 +28,6 @@ class SACConfig(OffPolicyConfig, RLlibSACConfig):
         """OffPolicyConfig's, and the temperature's learning rate."""
         return super().configure(config).training(alpha_lr=config["learner"]["learning_rate"])
 
-    def validate(self) -> None:
-        """OffPolicyConfig's checks, and one of SAC's own.
-
-        Raises:
-            ValueError: a setting that this algorithm would silently ignore.
-        """
-        super().validate()
-        if self.n_step != 1:
-            raise ValueError(f"n_step = {self.n_step}: this buffer holds single transitions; use 1")
-
 
 class SAC(OffPolicy, RLlibSAC):
     """The soft actor-critic."""

@@ -23,63 +23,72 @@ class SACLearner(OffPolicyLearner):
         return {**super().optimised(module, config), "alpha": ([module.log_alpha], config.alpha_lr)}
 
     def losses(self, module: SACModule, config: Any, minibatch: Minibatch) -> Iterator[tuple[str, torch.Tensor]]:
-        """J(alpha), J_Q(theta), J(phi)."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        """J_Q(theta), and in the actor's turn J(alpha) before and J(phi) after it."""
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         target_entropy = -float(actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
         alpha = module.log_alpha.exp().detach()
+        turn = self._steps % config.policy_delay == 0
 
-        new_actions, log_pi = squashed_gaussian.sample(module.actor(obs), noise[0])
-        yield "alpha", -(module.log_alpha * (log_pi.detach() + target_entropy)).mean()
+        if turn:
+            new_actions, log_pi = squashed_gaussian.sample(module.actor(obs), noise[0])
+            yield "alpha", -(module.log_alpha * (log_pi.detach() + target_entropy)).mean()
 
         with torch.no_grad():
             next_actions, next_log_pi = squashed_gaussian.sample(module.actor(next_obs), noise[1])
             next_value = module.target_q(next_obs, next_actions).amin(dim=0) - alpha * next_log_pi
-            target = rewards + config.gamma * (1.0 - terminated) * next_value
+            target = rewards + discounts * next_value
         yield "critic", 0.5 * (module.q(obs, actions) - target).square().mean(dim=1).sum()
 
-        yield "actor", (alpha * log_pi - module.q(obs, new_actions).amin(dim=0)).mean()
+        if turn:
+            yield "actor", (alpha * log_pi - module.q(obs, new_actions).amin(dim=0)).mean()
 
     def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
         """The same with its gradients written out."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         module: SACModule = self._module[module_id]
-        critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
+        networks = self._networks(module_id)
+        actor, critic, target_critic = (networks[name] for name in ("actor", "critic", "target_critic"))
         alpha = module.log_alpha.exp()
         target_entropy = -float(actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
         size = len(obs)
+        turn = self._steps % config.policy_delay == 0
+        figures = {"alpha": alpha}
+
+        # The actor at s and s' in one pass; only at s' where it is not its turn
+        if turn:
+            trace = actor.trace(torch.cat([obs, next_obs]))
+            drawn, log_density = squashed_gaussian.sample(trace[-1], noise.flatten(0, 1))
+        else:
+            drawn, log_density = squashed_gaussian.sample(actor(next_obs), noise[1])
+        next_actions, next_log_pi = drawn[-size:], log_density[-size:]
 
         # J(alpha)
-        actor_trace = module.actor.trace(obs)
-        new_actions, log_pi = squashed_gaussian.sample(actor_trace[-1], noise[0])
-        alpha_gradient = -(log_pi.mean() + target_entropy).reshape(1)
-        alpha_loss = module.log_alpha * alpha_gradient
-        self._descend(module_id, "alpha", [module.log_alpha], [alpha_gradient])
+        if turn:
+            new_actions, log_pi = drawn[:size], log_density[:size]
+            alpha_gradient = -(log_pi.mean() + target_entropy).reshape(1)
+            figures |= {"alpha_loss": module.log_alpha * alpha_gradient, "log_pi_mean": log_pi}
+            self._descend(module_id, "alpha", [module.log_alpha], [alpha_gradient])
 
         # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
-        next_actions, next_log_pi = squashed_gaussian.sample(module.actor(next_obs), noise[1])
-        next_q = module.target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
-        target = rewards + config.gamma * (1.0 - terminated) * (next_q - alpha * next_log_pi)
-        critic_trace = module.critic.trace(torch.cat([obs, actions], dim=1))
+        next_q = target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
+        target = rewards + discounts * (next_q - alpha * next_log_pi)
+        critic_trace = critic.trace(torch.cat([obs, actions], dim=1))
         residual = critic_trace[-1] - target.unsqueeze(1)
-        self._descend(module_id, "critic", critic_parameters, module.critic.backward(critic_trace, residual / size))
+        critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
+        self._descend(module_id, "critic", critic_parameters, critic.backward(critic_trace, residual / size))
+        figures |= {"critic_loss": 0.5 * residual.square().sum() / size, "q_mean": critic_trace[-1]}
 
         # J(phi), with the critics just updated: alpha log pi - min Q, the gradient through the smaller critic only
-        q_trace = module.critic.trace(torch.cat([obs, new_actions], dim=1))
-        q_new, smaller = q_trace[-1].min(dim=0, keepdim=True)
-        d_q = torch.zeros_like(q_trace[-1]).scatter_(0, smaller, -1.0 / size)
-        d_action = module.critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
-        d_outputs = squashed_gaussian.backward(actor_trace[-1], noise[0], new_actions, d_action, alpha / size)
-        self._descend(
-            module_id, "actor", list(module.actor.parameters()), module.actor.backward(actor_trace, d_outputs)
-        )
+        if turn:
+            q_trace = critic.trace(torch.cat([obs, new_actions], dim=1))
+            q_new, smaller = q_trace[-1].min(dim=0, keepdim=True)
+            d_q = torch.zeros_like(q_trace[-1]).scatter_(0, smaller, -1.0 / size)
+            d_action = critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
+            actor_trace = [part[:size] for part in trace]
+            d_outputs = squashed_gaussian.backward(actor_trace[-1], noise[0], new_actions, d_action, alpha / size)
+            actor_parameters: list[torch.Tensor] = list(module.actor.parameters())
+            self._descend(module_id, "actor", actor_parameters, actor.backward(actor_trace, d_outputs))
+            figures["actor_loss"] = alpha * log_pi.mean() - q_new.mean()
 
-        targets: list[torch.Tensor] = list(module.target_critic.parameters())
-        torch._foreach_lerp_(targets, critic_parameters, config.tau)
-        return {
-            "critic_loss": 0.5 * residual.square().sum() / size,
-            "actor_loss": alpha * log_pi.mean() - q_new.mean(),
-            "alpha_loss": alpha_loss,
-            "alpha": alpha,
-            "q_mean": critic_trace[-1],
-            "log_pi_mean": log_pi,
-        }
+        self._follow(module_id, config)
+        return figures

@@ -1,7 +1,7 @@
 """The policy's distribution: a Gaussian squashed by tanh into (-1, 1) (Haarnoja et al. 2018, appendix C).
 
-log pi(a) = log N(u; mean, std) - sum log(1 - tanh(u)^2), with log(1 - tanh(u)^2) = 2 (log 2 - u - softplus(-2 u)),
-which does not overflow.
+log pi(a) = log N(u; mean, std) - sum log(1 - tanh(u)^2), with log(1 - tanh(u)^2) = 2 log 2 - 2 log(e^u + e^-u), which
+does not overflow.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ from typing import Any
 
 import torch
 from ray.rllib.core.distribution.torch.torch_distribution import TorchDistribution
-from torch.nn.functional import softplus
 
 from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN
 
-_HALF_LOG_2_PI = 0.5 * math.log(2.0 * math.pi)
-_LOG_2 = math.log(2.0)
+#: What each component takes from log pi, whatever is drawn: log sqrt(2 pi) + 2 log 2.
+_CONSTANT = 0.5 * math.log(2.0 * math.pi) + 2.0 * math.log(2.0)
 
 
 def split(outputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -27,14 +26,14 @@ def split(outputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 def log_density(u: torch.Tensor, noise: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
     """log pi of tanh(u), where u = mean + std noise; (..., d) -> (...)."""
-    gaussian = -0.5 * noise.square() - log_std - _HALF_LOG_2_PI
-    return (gaussian - 2.0 * (_LOG_2 - u - softplus(-2.0 * u))).sum(dim=-1)
+    squashing = torch.logaddexp(u, -u)
+    return (2.0 * squashing - log_std).addcmul(noise, noise, value=-0.5).sum(dim=-1) - u.shape[-1] * _CONSTANT
 
 
 def sample(outputs: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Reparameterised action in (-1, 1), (..., d), and its log density, (...), for standard normal ``noise``."""
     mean, log_std = split(outputs)
-    u = mean + log_std.exp() * noise
+    u = torch.addcmul(mean, log_std.exp(), noise)
     return u.tanh(), log_density(u, noise, log_std)
 
 
@@ -92,7 +91,7 @@ class SquashedGaussian(TorchDistribution):
         """log pi of actions in (-1, 1), (...,)."""
         limit = 1.0 - 1e-6
         u = torch.atanh(value.clamp(-limit, limit))
-        return (self._dist.log_prob(u) - 2.0 * (_LOG_2 - u - softplus(-2.0 * u))).sum(dim=-1)
+        return (self._dist.log_prob(u) + 2.0 * torch.logaddexp(u, -u)).sum(dim=-1) - u.shape[-1] * math.log(4.0)
 
     def entropy(self, **kwargs: Any) -> torch.Tensor:
         """A one-sample estimate: the squashed density has no closed form."""

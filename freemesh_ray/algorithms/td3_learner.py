@@ -18,20 +18,22 @@ from freemesh_ray.algorithms.td3_module import TD3Module
 class TD3Learner(OffPolicyLearner):
     """Updates a TD3Module."""
 
+    TARGETS_WAIT = True
+
     def draws(self, config: Any) -> int:
         """For the target's action, if that is smoothed."""
         return int(config.target_noise > 0)
 
     def losses(self, module: TD3Module, config: Any, minibatch: Minibatch) -> Iterator[tuple[str, torch.Tensor]]:
         """The critics', and in its turn the deterministic policy's."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         with torch.no_grad():
             next_actions = module.target_actor(next_obs).tanh()
             if config.target_noise:
                 limit = config.target_noise_clip
                 next_actions = (next_actions + (config.target_noise * noise[0]).clamp(-limit, limit)).clamp(-1.0, 1.0)
             next_value = module.target_q(next_obs, next_actions).amin(dim=0)
-            target = rewards + config.gamma * (1.0 - terminated) * next_value
+            target = rewards + discounts * next_value
         yield "critic", (module.q(obs, actions) - target).square().mean(dim=1).sum()
 
         if self._steps % config.policy_delay == 0:
@@ -39,22 +41,24 @@ class TD3Learner(OffPolicyLearner):
 
     def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
         """The same with its gradients written out."""
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         module: TD3Module = self._module[module_id]
+        networks = self._networks(module_id)
+        actor, critic = networks["actor"], networks["critic"]
         critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
         size = len(obs)
 
         # The squared Bellman residual of each critic against the smallest target at a smoothed target action
-        next_actions = module.target_actor(next_obs).tanh()
+        next_actions = networks["target_actor"](next_obs).tanh()
         if config.target_noise:
             smoothing = (config.target_noise * noise[0]).clamp_(-config.target_noise_clip, config.target_noise_clip)
             next_actions = (next_actions + smoothing).clamp_(-1.0, 1.0)
-        next_q = module.target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
-        target = rewards + config.gamma * (1.0 - terminated) * next_q
-        critic_trace = module.critic.trace(torch.cat([obs, actions], dim=1))
+        next_q = networks["target_critic"](torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
+        target = rewards + discounts * next_q
+        critic_trace = critic.trace(torch.cat([obs, actions], dim=1))
         residual = critic_trace[-1] - target.unsqueeze(1)
         d_q = residual * (2.0 / size)
-        self._descend(module_id, "critic", critic_parameters, module.critic.backward(critic_trace, d_q))
+        self._descend(module_id, "critic", critic_parameters, critic.backward(critic_trace, d_q))
         figures = {"critic_loss": residual.square().sum() / size, "q_mean": critic_trace[-1]}
 
         if self._steps % config.policy_delay:
@@ -62,15 +66,14 @@ class TD3Learner(OffPolicyLearner):
 
         # The deterministic policy gradient: -Q of the first critic, just updated
         actor_parameters: list[torch.Tensor] = list(module.actor.parameters())
-        actor_trace = module.actor.trace(obs)
+        actor_trace = actor.trace(obs)
         new_actions = actor_trace[-1].tanh()
-        q_trace = module.critic.trace(torch.cat([obs, new_actions], dim=1))
+        q_trace = critic.trace(torch.cat([obs, new_actions], dim=1))
         d_q = torch.zeros_like(q_trace[-1])
         d_q[0] = -1.0 / size
-        d_action = module.critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
+        d_action = critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
         d_outputs = d_action * (1.0 - new_actions.square())
-        self._descend(module_id, "actor", actor_parameters, module.actor.backward(actor_trace, d_outputs))
+        self._descend(module_id, "actor", actor_parameters, actor.backward(actor_trace, d_outputs))
 
-        targets: list[torch.Tensor] = [*module.target_critic.parameters(), *module.target_actor.parameters()]
-        torch._foreach_lerp_(targets, critic_parameters + actor_parameters, config.tau)
+        self._follow(module_id, config)
         return figures | {"actor_loss": -q_trace[-1][0].mean()}

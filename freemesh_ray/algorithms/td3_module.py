@@ -32,9 +32,9 @@ class TD3Module(ActorCriticModule):
 
     def explore(self, obs: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """Actions to collect experience with, (batch, action size), for standard normal ``noise`` of that shape."""
-        return (self.actor(obs).tanh() + self.model_config["exploration_noise"] * noise).clamp(-1.0, 1.0)
+        return (self.actor(self.seen(obs)).tanh() + self.model_config["exploration_noise"] * noise).clamp(-1.0, 1.0)
 
     def _forward(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
-        mean = self.actor(batch[Columns.OBS])
+        mean = self.actor(self.seen(batch[Columns.OBS]))
         log_std = torch.full_like(mean, log_deviation(self.model_config["exploration_noise"]))
         return {Columns.ACTION_DIST_INPUTS: torch.cat([mean, log_std], dim=-1)}

@@ -50,6 +50,7 @@ def experience(rows: int) -> Any:
         random.standard_normal(rows, dtype=np.float32),
         random.standard_normal((rows, OBSERVATION), dtype=np.float32),
         (random.random(rows) < 0.02).astype(np.float32),
+        np.ones(rows, dtype=np.float32),
     )
 
 

@@ -56,6 +56,7 @@ ALGORITHMS: dict[str, Algorithm] = {
         {
             "target_entropy": Hyperparameter("auto", Field(float, -1000, 1000, words=("auto",))),
             "initial_alpha": Hyperparameter(0.1, Field(float, TINY, 1000)),
+            "policy_delay": Hyperparameter(1, Field(int, 1, 1000)),
         },
         figures=ACTOR_CRITIC_FIGURES
         | {
@@ -74,6 +75,14 @@ ALGORITHMS: dict[str, Algorithm] = {
         },
     ),
     "ddpg": Algorithm("freemesh_ray.algorithms.ddpg:DDPGConfig", {"exploration_noise": _EXPLORATION_NOISE}),
+    "crossq": Algorithm(
+        "freemesh_ray.algorithms.crossq:CrossQConfig",
+        {
+            "initial_alpha": Hyperparameter(0.1, Field(float, TINY, 1000)),
+            "policy_delay": Hyperparameter(3, Field(int, 1, 1000)),
+        },
+        figures=ACTOR_CRITIC_FIGURES | {"alpha_loss": ("nats", "loss of the temperature")},
+    ),
     "ppo": Algorithm(
         "freemesh_ray.algorithms.ppo:PPOConfig",
         {

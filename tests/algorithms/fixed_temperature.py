@@ -20,11 +20,11 @@ class FixedTemperatureLearner(OffPolicyLearner):
     def losses(
         self, module: ActorCriticModule, config: Any, minibatch: Minibatch
     ) -> Iterator[tuple[str, torch.Tensor]]:
-        obs, actions, rewards, next_obs, terminated, noise = minibatch
+        obs, actions, rewards, next_obs, discounts, noise = minibatch
         with torch.no_grad():
             next_actions, log_pi = squashed_gaussian.sample(module.actor(next_obs), noise[1])
             next_value = module.target_q(next_obs, next_actions).amin(dim=0) - config.temperature * log_pi
-            target = rewards + config.gamma * (1.0 - terminated) * next_value
+            target = rewards + discounts * next_value
         yield "critic", (module.q(obs, actions) - target).square().mean(dim=1).sum()
         new_actions, log_pi = squashed_gaussian.sample(module.actor(obs), noise[0])
         yield "actor", (config.temperature * log_pi - module.q(obs, new_actions).amin(dim=0)).mean()

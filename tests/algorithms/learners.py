@@ -12,7 +12,7 @@ from ray.rllib.core.columns import Columns
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID, MultiAgentBatch, SampleBatch
 
 from freemesh_ray.algorithms.off_policy import OffPolicyConfig
-from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
+from freemesh_ray.algorithms.off_policy_learner import STEPS, OffPolicyLearner
 
 OBS, ACT, BATCH = 7, 3, 32
 
@@ -59,6 +59,7 @@ def batch(count: int, seed: int = 1) -> dict[str, np.ndarray]:
         Columns.REWARDS: random.standard_normal(rows).astype(np.float32),
         Columns.NEXT_OBS: random.standard_normal((rows, OBS)).astype(np.float32),
         Columns.TERMINATEDS: (random.random(rows) < 0.2).astype(np.float32),
+        STEPS: np.ones(rows, dtype=np.float32),
     }
 
 

@@ -21,6 +21,7 @@ def numbered(first: int, count: int) -> Transitions:
         number,
         np.stack([number + 1] * 3, axis=1),
         number % 2,
+        number % 5,
     )
 
 

@@ -34,7 +34,7 @@ def test_forward_inference_is_deterministic_and_squashed() -> None:
     [
         ({"updates_per_step": 0.0}, "updates_per_step"),
         ({"warmup_steps": 0}, "warmup_steps"),
-        ({"n_step": 3}, "n_step"),
+        ({"n_step": 0}, "n_step"),
     ],
 )
 def test_settings_that_would_be_ignored_are_refused(settings: dict[str, Any], message: str) -> None:

@@ -20,6 +20,7 @@ MINIBATCHES = 7
 CASES = [
     (SACConfig, {}),
     (SACConfig, {"initial_alpha": 2.0, "target_entropy": 1.5, "gamma": 0.8}),
+    (SACConfig, {"policy_delay": 3}),
     (TD3Config, {}),
     (TD3Config, {"policy_delay": 3, "target_noise": 1.0, "target_noise_clip": 0.3}),
     (TD3Config, {"policy_delay": 1, "target_noise": 0.0}),

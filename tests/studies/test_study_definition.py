@@ -24,6 +24,8 @@ STUDIES = {
     "algorithms": 12, "domains": 12, "networks": 12, "seeds": 5, "observation": 9, "radius": 9, "density": 18,
     "search": 1, "population": 1,
 }  # fmt: skip
+#: Those that are not of the paper.
+OURS = {"learner": 40}
 GOOD = """study:
   title: A test
   seeds: [1, 2]
@@ -46,7 +48,13 @@ def written(text: str, folder: Path) -> Path:
 
 
 def test_every_study_of_the_paper_ships():
-    assert set(shipped()) == set(STUDIES)
+    assert set(shipped()) == {*STUDIES, *OURS}
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_a_study_of_our_own_is_whole(name: str):
+    trials = plan.variant_plan(load(name), "a source").trials
+    assert len({str(trial.folder.path) for trial in trials.values()}) == len(trials) == OURS[name]
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -225,7 +233,7 @@ def test_a_run_s_identity_is_all_that_decides_its_result(key: str):
         value = OTHER[SCHEMA[key].kind]
         changed[section][name] = value if flat[key] != value else "yet another"
     same = plan.identity(changed, "source") == plan.identity(tree, "source")
-    others = ("td3.", "ddpg.", "ppo.")  # the tree is sac's
+    others = ("td3.", "ddpg.", "crossq.", "ppo.")  # the tree is sac's
     assert same == key.startswith(plan.OUTSIDE_IDENTITY + others)
 
 

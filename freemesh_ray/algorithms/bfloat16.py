@@ -1,0 +1,81 @@
+"""Networks whose products multiply bfloat16 numbers, three to four times as fast where the processor has them.
+
+Weights, biases, gradients and the last layer stay float32, and so do all sums (Micikevicius et al. 2018): what is
+rounded, to 8 bits, are the factors of the hidden layers' products and the hidden layers' outputs.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from freemesh_ray.algorithms.networks import Mlp, above_zero
+
+
+def native() -> bool:
+    """Whether this processor multiplies bfloat16 numbers itself (AVX512-BF16 or AMX); others imitate it, slowly."""
+    return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
+
+
+class Bfloat16Mlp:
+    """An Mlp, or a stack of them, evaluated so; it has the methods of an Mlp that a written-out step needs.
+
+    Args:
+        network: its weights are read when this is made and in ``refresh``.
+    """
+
+    def __init__(self, network: Mlp) -> None:
+        self._network = network
+        self._read = [*list(network.weights)[:-1], *list(network.biases)[:-1]]
+        self._rounded = [tensor.detach().to(torch.bfloat16) for tensor in self._read]
+        hidden = len(network.weights) - 1
+        self._weights, self._biases = self._rounded[:hidden], self._rounded[hidden:]
+        self._stacked = bool(network.lead)
+
+    def refresh(self) -> None:
+        """Read the weights, after they have changed."""
+        torch._foreach_copy_(self._rounded, self._read)
+
+    @torch.no_grad()
+    def __call__(self, x: torch.Tensor) -> torch.Tensor:
+        """(batch, inputs) -> (batch, outputs) float32, as ``Mlp.forward``; without gradient."""
+        return self.trace(x)[-1]
+
+    @torch.no_grad()
+    def trace(self, x: torch.Tensor) -> list[torch.Tensor]:
+        """The input and every hidden layer's output in bfloat16, the last of them again and the output in float32."""
+        network = self._network
+        values = [x.to(torch.bfloat16).expand(*network.lead, *x.shape)]
+        for weight, bias in zip(self._weights, self._biases, strict=True):
+            values.append(network.layer(bias, values[-1], weight).relu_())
+        last = values[-1].to(network.weights[-1].dtype)
+        return [*values, last, network.last(last)]
+
+    @torch.no_grad()
+    def backward(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> list[torch.Tensor]:
+        """Gradients as ``Mlp.backward`` gives them, float32.
+
+        Args:
+            trace: of the forward pass.
+            gradient: of the network's output.
+        """
+        network, full = self._network, gradient.dtype
+        weights = [network.last_weight_gradient(trace[-2], gradient)]
+        biases = [gradient.sum(dim=-2, keepdim=self._stacked)]
+        passed = network.before_last(gradient).to(torch.bfloat16)
+        for i in range(len(self._weights) - 1, -1, -1):
+            gradient = above_zero(passed, trace[i + 1])
+            weights.append(network.product(trace[i].mT, gradient).to(full))
+            biases.append(gradient.sum(dim=-2, keepdim=self._stacked, dtype=full))
+            if i:
+                passed = network.product(gradient, self._weights[i].mT)
+        return weights[::-1] + biases[::-1]
+
+    @torch.no_grad()
+    def backward_to_input(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
+        """Gradient of the input, (batch, inputs) float32; of a stack the sum over its networks."""
+        network, full = self._network, gradient.dtype
+        gradient = network.before_last(gradient).to(torch.bfloat16)
+        for i in range(len(self._weights) - 1, -1, -1):
+            gradient = network.product(above_zero(gradient, trace[i + 1]), self._weights[i].mT)
+        gradient = gradient.to(full)
+        return gradient.sum(dim=0) if self._stacked else gradient
