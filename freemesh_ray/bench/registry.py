@@ -8,8 +8,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from freemesh_ray.formatting.terminal import say
-
 if TYPE_CHECKING:
     from freemesh_ray.policies.policy import Policy
 
@@ -56,6 +54,8 @@ def run(names: Sequence[str], *, seconds: float, policy: Policy) -> None:
         seconds: of each measurement, above 0.
         policy: whose meshing is measured.
     """
+    from freemesh_ray.formatting.terminal import say  # it takes along more than a list of names needs
+
     arguments = {"seconds": seconds, "policy": policy}
     for name in names or (name for name, one in BENCHMARKS.items() if one.default):
         benchmark = BENCHMARKS[name]

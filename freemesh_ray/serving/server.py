@@ -30,7 +30,7 @@ from freemesh_ray.serving.http_app import asgi_app
 from freemesh_ray.serving.order import Order, ServiceError
 
 if TYPE_CHECKING:
-    from freemesh_ray.serving.meshers import Meshers
+    from freemesh_ray.serving.pool import MesherPool
 
 #: Seconds between two looks at the meshers and at the parent, and after which a service without a mesher ends.
 LOOK, WITHOUT = 0.5, 60.0
@@ -74,10 +74,10 @@ def _keep_ray_quiet() -> None:
 
 async def _serve(order: Order, parent: Pipe, session: Session) -> None:
     # Ray is imported when its environment is set.
-    from freemesh_ray.serving.meshers import MesherLost, Meshers
+    from freemesh_ray.serving.pool import MesherLost, MesherPool
 
     loop, counters = asyncio.get_running_loop(), Counters()
-    meshers = Meshers(order.policies, order.limits, order.replicas, counters.retried)
+    meshers = MesherPool(order.policies, order.limits, order.replicas, counters.retried)
     ending = asyncio.Event()
     loop.add_signal_handler(signal.SIGTERM, ending.set)
     starting = asyncio.ensure_future(meshers.start())
@@ -108,7 +108,7 @@ async def _serve(order: Order, parent: Pipe, session: Session) -> None:
             await listening
 
 
-def _server(order: Order, meshers: Meshers, counters: Counters) -> _Server:
+def _server(order: Order, meshers: MesherPool, counters: Counters) -> _Server:
     limits = order.limits
     app = asgi_app(
         meshers.mesh, meshers.able, densities=sorted(order.policies), limits=limits, token=order.token,

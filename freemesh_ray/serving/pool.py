@@ -15,10 +15,10 @@ from freemesh_ray.serving.answer import Answer, MeshRequest
 from freemesh_ray.serving.lanes import COSTLY, LANES, QUICK
 from freemesh_ray.serving.lanes import seconds as lane_seconds
 from freemesh_ray.serving.limits import Limits
-from freemesh_ray.serving.mesher import Mesher
+from freemesh_ray.serving.mesher_actor import Mesher
 from freemesh_ray.serving.queue import Busy, Queue
 
-#: Meshers that may die over one request before its client hears of it.
+#: MesherPool that may die over one request before its client hears of it.
 TRIES = 4
 
 #: How often a mesher is asked whether it is alive, for how long its answer holds, and after how long without one it is
@@ -48,7 +48,7 @@ class _Running:
         return not self.lost.is_set() and time.monotonic() - self.heard < HOLDS
 
 
-class Meshers:
+class MesherPool:
     """Keeps meshers and hands them requests; to be used in one event loop."""
 
     def __init__(
