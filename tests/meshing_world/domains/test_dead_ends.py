@@ -34,7 +34,7 @@ OBJECTS: dict[str, tuple[Any, dict[str, Any], str, str]] = {
     "odd with a seam": ([*SEAMED, [-1, 2]], {}, "11 boundary vertices", f"use {PARITY}"),
     "too coarse": ([LOBES, 0.97 * np.roll(LOBES, 30, axis=0)], {"edge_length": 1.0}, "with edge length 1",
                    f"use a smaller {EDGE}"),
-    "too fine": (SQUARE, {"edge_length": 1e-6}, "16,000,000 vertices", f"use a larger {EDGE}"),
+    "too fine": (SQUARE, {"edge_length": 1e-6}, "about 16,000,008,000,000 elements", f"use a larger {EDGE}"),
     "no length": (SQUARE, {"edge_length": 0.0}, "edge length 0.0", "give --edge-length a positive number"),
     "grading": (SQUARE, {"edge_length": 1.0, "grading": 0.5}, "grading 0.5", "give --grading a ratio"),
     "grading alone": (SQUARE, {"grading": 2.0}, "grading 2", f"give {EDGE} too"),
