@@ -30,6 +30,14 @@ def command_line(number: int) -> str:
         return ""
 
 
+def state(number: int) -> str:
+    """The letter of a process's state: T where it is stopped, X where it is gone."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+    except OSError:
+        return "X"
+
+
 def members(session: int) -> dict[int, str]:
     """Number and command line of every living process of a session."""
     found = {}

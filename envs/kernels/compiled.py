@@ -17,8 +17,10 @@ import functools
 import hashlib
 import inspect
 import os
+import stat
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -59,8 +61,21 @@ def cache_folder(package: Path = BASE) -> str:
         writable = os.access(home, os.W_OK)
     except OSError:
         writable = False
-    root = home if writable else Path(tempfile.gettempdir()) / f"freemesh-kernels-{os.getuid()}"
+    root = home if writable else _own(Path(tempfile.gettempdir()) / f"freemesh-kernels-{os.getuid()}")
     return str(root / f"kernels-{digest.hexdigest()[:16]}")
+
+
+def _own(folder: Path) -> Path:
+    """``folder``, which is made, if no other user can write to it, or has put it there: what is read from it is run.
+
+    Else a new one, which nobody finds again.
+    """
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700, parents=True)
+    about = folder.lstat()
+    if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022:
+        return folder
+    return Path(tempfile.mkdtemp(prefix="freemesh-kernels-"))
 
 
 class ByModule(UserProvidedCacheLocator):

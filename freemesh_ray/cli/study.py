@@ -68,7 +68,8 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.local_ray import local_ray
 
     settings = study.settings_of_all()
-    with local_ray(settings["runners"]["count"] + settings["learner"]["count"]):
+    processes = settings["runners"]["count"] + settings["learner"]["count"]
+    with local_ray(processes, "--resume goes on from the last checkpoints"):
         from freemesh_ray.algorithms.build import build
         from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
         from freemesh_ray.report.report import write

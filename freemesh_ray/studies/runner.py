@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from ray import tune
@@ -33,6 +36,8 @@ from freemesh_ray.training.loop import Algorithm
 #: Checkpoints kept of each trial: Tune's record of them is a second old at most, and population based training copies
 #: from one while its trial goes on.
 KEPT = 4
+#: Seconds that Tune gets to end its trials after a signal: the whole is to end in ten.
+PEACE_SECONDS = 3.0
 #: Keeps Ray Tune from printing and writing beside the study's own, and trials in the folder that relative paths of the
 #: settings are relative to.
 QUIET = {
@@ -40,6 +45,7 @@ QUIET = {
     "RAY_AIR_NEW_OUTPUT": "0",
     "TUNE_GLOBAL_CHECKPOINT_S": "1",
     "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
+    "TUNE_DISABLE_SIGINT_HANDLER": "1",  # see `ended_by_signals`
     "TUNE_MAX_PENDING_TRIALS_PG": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
 }
@@ -195,7 +201,6 @@ def run_trials(
         tune.with_parameters(TrialTrainable, plan=plan, make=make, study=study.name, parent=parent),
         partial(resources, plan),
     )
-    signal.signal(signal.SIGTERM, lambda number, frame: os.kill(os.getpid(), signal.SIGINT))
     pbt = study.search is not None and study.search.scheduler == "pbt"
     if tune.Tuner.can_restore(str(folder.tune)):
         tuner = tune.Tuner.restore(str(folder.tune), trainable, resume_unfinished=True, resume_errored=True)
@@ -220,8 +225,34 @@ def run_trials(
                 verbose=0,
             ),
         )
-    tuner.fit()
+    with ended_by_signals():
+        tuner.fit()
     return folder.read()
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let Tune end the study in peace at the first SIGINT or SIGTERM, which takes it a quarter of a minute where trials
+    are amid a step, but for `PEACE_SECONDS` at most, or until the second signal.
+    """
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if timers:
+            raise KeyboardInterrupt
+        os.kill(os.getpid(), signal.SIGUSR1)  # Tune obeys it, too
+        timers.append(threading.Timer(PEACE_SECONDS, os.kill, (os.getpid(), signal.SIGINT)))
+        timers[0].daemon = True
+        timers[0].start()
+
+    timers: list[threading.Timer] = []
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for timer in timers:
+            timer.cancel()
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def resources(plan: Plan, given: Mapping[str, Any]) -> tune.PlacementGroupFactory:

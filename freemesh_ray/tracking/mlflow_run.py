@@ -40,6 +40,8 @@ Status = Literal["FINISHED", "FAILED", "KILLED"]
 BATCH_SECONDS, RETRY_SECONDS = 1.0, 60.0
 #: How long `MLflowRun.close` waits at most for the last delivery; it returns at once when the store is away.
 FLUSH_SECONDS = 15.0
+#: The same for a run that was interrupted: schedulers kill it after ten.
+KILLED_SECONDS = 3.0
 #: How long a start takes at most for the runs that were killed before it.
 KILLED_SECONDS = 10.0
 
@@ -165,14 +167,18 @@ class MLflowRun:
             self._record(new_event("model", path=str(copy), mark=mark, **what))
 
     def close(self, status: Status = "FINISHED") -> None:
-        """End the run and deliver what is left; waits for ``flush_seconds`` at most. What remains is left to `sync`."""
+        """End the run and deliver what is left; waits for ``flush_seconds`` at most, and less where it was killed.
+
+        What remains is left to `sync`.
+        """
         if self._thread is None or self._uploader is None or self._closing.is_set():
             return
         with _harmless("the end of the run was not recorded"):
             self._record(new_event("end", status=status))
         self._closing.set()
-        deadline = time.monotonic() + self._flush_seconds
-        self._thread.join(self._flush_seconds)
+        patience = min(self._flush_seconds, KILLED_SECONDS) if status == "KILLED" else self._flush_seconds
+        deadline = time.monotonic() + patience
+        self._thread.join(patience)
         if self._thread.is_alive():
             log.warning("tracking: not all is delivered yet; %s delivers the rest", self._sync_line())
         elif self._others:

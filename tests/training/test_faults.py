@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -22,10 +23,11 @@ from test_training import Fake
 
 from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
+from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.job import TrainingResult, train
+from freemesh_ray.training.job import TrainingResult, started, train
 from freemesh_ray.training.loop import Status
 from freemesh_ray.training.run_folder import TrainingError
 
@@ -126,6 +128,27 @@ def raises(times: int) -> Harm:
     return harm
 
 
+def exhaust(algorithm: Any) -> None:
+    """An environment whose step asks once for more memory than its process may have."""
+
+    def spoil(runner: Any) -> None:
+        env = runner.env.unwrapped
+        step, before = env.step, resource.getrlimit(resource.RLIMIT_AS)
+
+        def greedy(actions: Any) -> Any:
+            env.step = step
+            size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (size + (256 << 20), before[1]))
+            try:
+                return [bytearray(64 << 20) for _ in range(1000)]
+            finally:
+                resource.setrlimit(resource.RLIMIT_AS, before)
+
+        env.step = greedy
+
+    of_runner(algorithm, 1, spoil)
+
+
 def hang(algorithm: Any) -> None:
     """An environment whose step does not return."""
 
@@ -187,6 +210,13 @@ def test_an_environment_that_raises_begins_new_episodes(ray: None, tmp_path: Pat
     assert not patient.noted("going back")
 
 
+def test_an_environment_that_runs_out_of_memory_begins_new_episodes(ray: None, tmp_path: Path) -> None:
+    patient = Patient(tmp_path, exhaust)
+    assert patient.train().progress.env_steps >= 6000
+    assert patient.noted("env runner 1 failed (MemoryError); it begins anew")
+    assert not patient.noted("going back")
+
+
 def test_so_does_one_in_the_training_s_own_process(ray: None, tmp_path: Path) -> None:
     patient = Patient(tmp_path, raises(2), sets=("runners.count=0",))
     assert patient.train().progress.env_steps >= 6000
@@ -206,6 +236,23 @@ def test_an_environment_that_cannot_be_mended_ends_the_training_in_one_line(ray:
         patient.train()
     assert "\n" not in str(raised.value)
     assert patient.train(resume=True).progress.env_steps >= 6000
+
+
+def test_a_hurried_algorithm_leaves_between_two_rounds(ray: None, tmp_path: Path) -> None:
+    patient = Patient(tmp_path, kill, at=10**9, sets=("runners.count=0",))
+    with started(build, patient.settings) as algorithm:
+        algorithm.train()
+        steps = algorithm.env_steps
+        algorithm.hurried = lambda: algorithm.env_steps > steps + 300
+        with pytest.raises(Cut):
+            algorithm.train()
+        assert steps + 300 < algorithm.env_steps < steps + 500
+        assert algorithm.get_state()["env_steps"] == algorithm.env_steps
+        with pytest.raises(Cut):
+            algorithm.evaluate()
+        algorithm.hurried = lambda: False
+        algorithm.train()
+        assert algorithm.env_steps > steps + 1300
 
 
 @pytest.mark.parametrize(("runners", "seconds"), [(2, 3), (1, 20)])
