@@ -30,13 +30,15 @@ GUARD_SECONDS = 10.0
 class Session:
     """A Ray, in a ``with`` block that begins before it does; one of somebody else's has no processes here."""
 
-    def __init__(self, folder: Path | None = None, fix: str = "") -> None:
+    def __init__(self, folder: Path | None = None, fix: str = "", *, supervised: bool = False) -> None:
         """Describe it.
 
         Args:
             folder: Ray's; None for somebody else's.
             fix: what the line that this process may end with tells its user to do.
+            supervised: another process says a line when this one is killed; else the guard does.
         """
+        self._supervised = supervised
         self._folder, self._fix = folder, fix
         self._guard: subprocess.Popen[bytes] | None = None
         self._thread: threading.Thread | None = None
@@ -59,7 +61,8 @@ class Session:
 
     def watch(self) -> None:
         """End this process with a line as soon as Ray, which is up now, is not any more; until `unwatch`."""
-        self._tell_guard(NEEDED)
+        if not self._supervised:
+            self._tell_guard(NEEDED)
         watched = vital(os.getpid(), self._folder) if self._folder is not None else {}
         if watched:
             self._over, self._end_of_watch = os.pipe()

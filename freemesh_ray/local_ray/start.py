@@ -95,7 +95,7 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def local_ray(workers: int, fix: str = "start it again") -> Iterator[Session]:
+def local_ray(workers: int, fix: str = "start it again", *, supervised: bool = False) -> Iterator[Session]:
     """A Ray with room for ``workers`` processes, env runners and learners, beside the training's own.
 
     An address in RAY_ADDRESS is used instead.
@@ -103,6 +103,7 @@ def local_ray(workers: int, fix: str = "start it again") -> Iterator[Session]:
     Args:
         workers: as said.
         fix: what the line tells the user to do with which this process ends when processes of Ray's die.
+        supervised: another process says a line when this one is killed; else Ray's guard does.
 
     Raises:
         OutputError: see `private_folder`.
@@ -126,7 +127,7 @@ def local_ray(workers: int, fix: str = "start it again") -> Iterator[Session]:
         else:
             folder = stack.enter_context(private_folder())
             stack.enter_context(_temporary_files_in(folder))
-            session = stack.enter_context(Session(folder, fix))
+            session = stack.enter_context(Session(folder, fix, supervised=supervised))
             stack.callback(ray.shutdown)
             with _own_handler_of_sigterm(), _without_its_greeting():
                 _start(max(workers + 1, os.cpu_count() or 1), folder)

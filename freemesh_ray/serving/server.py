@@ -59,7 +59,7 @@ def serve(order: Order, parent: Pipe, watch: _Watch) -> None:
     """
     # A worker of Ray gives way to everything else by default; here it is what the machine is for.
     os.environ.setdefault("RAY_worker_niceness", "0")
-    with local_ray(order.replicas) as session:
+    with local_ray(order.replicas, supervised=True) as session:
         watch.ray = session
         _keep_ray_quiet()
         asyncio.run(_serve(order, parent, session))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from io import BytesIO
 
 import numpy as np
@@ -63,4 +64,11 @@ def array_in(content: bytes) -> np.ndarray:
     if count * dtype.itemsize != len(content) - file.tell():
         raise ValueError("an array of another size than its header says")
     flat = np.frombuffer(content, dtype, count, file.tell()) if count and dtype.itemsize else np.zeros(count, dtype)
+    # NumPy believes every number to be a letter; Python's texts with one that is none take the process along.
+    if (
+        dtype.kind == "U"
+        and flat.size
+        and flat.view(np.dtype("u4").newbyteorder(dtype.byteorder)).max() > sys.maxunicode
+    ):
+        raise ValueError("a text with what is no letter")
     return flat.reshape(shape, order="F" if fortran_order else "C")

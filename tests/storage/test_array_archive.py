@@ -21,6 +21,19 @@ ARRAYS = {
 }
 
 
+@pytest.mark.parametrize("order", "<>")
+def test_a_text_of_numbers_that_are_no_letters_is_refused(tmp_path: Path, order: str) -> None:
+    """Python's texts with such a one are no texts: to look at them may end the process."""
+    for number, sound in ((0x10FFFF, True), (0x110000, False), (0xFFFFFFFF, False)):
+        text = np.array([65, number], dtype=f"{order}u4").view(f"{order}U2")
+        np.savez(tmp_path / "a.npz", text=text)
+        if sound:
+            assert read_arrays(tmp_path / "a.npz")["text"].tolist() == ["A\U0010ffff"]
+        else:
+            with pytest.raises(ValueError, match="a text with what is no letter"):
+                read_arrays(tmp_path / "a.npz")
+
+
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_what_is_saved_comes_back(tmp_path: Path, save) -> None:
     save(tmp_path / "a.npz", **ARRAYS)
