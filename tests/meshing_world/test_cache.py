@@ -157,4 +157,28 @@ def test_a_place_that_cannot_be_written_to_is_left_alone(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
     assert folder_of(copy).is_relative_to(tmp_path / "temporary")
+
+
+@pytest.mark.parametrize("place", ["open to all", "a link", "a file", "of another", "nowhere"])
+def test_machine_code_that_others_could_have_put_there_is_not_run(
+    place: str, copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / ("none" if place == "nowhere" else "")))
+    folder = tmp_path / f"freemesh-kernels-{os.getuid()}"
+    (tmp_path / "theirs").mkdir()
+    if place == "a link":
+        folder.symlink_to(tmp_path / "theirs")
+    elif place == "a file":
+        folder.touch()
+    elif place != "nowhere":
+        folder.mkdir()
+        folder.chmod(0o777 if place == "open to all" else 0o700)
+    if place == "of another":
+        if os.geteuid():
+            pytest.skip("only root can give a folder away")
+        os.chown(folder, 65534, 65534)
+    assert folder_of(copy).parent == Path(os.devnull)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -126,6 +127,40 @@ def raises(times: int) -> Harm:
     return harm
 
 
+def runs_out_of_memory(killed: bool) -> Harm:
+    """An environment that allocates until there is no more: an exception, or the system kills its process.
+
+    It may have half a gigabyte more than it has, and holds at most that, so that the machine is not harmed.
+    """
+
+    def harm(algorithm: Any) -> None:
+        def spoil(runner: Any) -> None:
+            env = runner.env.unwrapped
+            step = env.step
+
+            def greedy(actions: Any) -> Any:
+                env.step = step
+                size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+                before = resource.getrlimit(resource.RLIMIT_AS)
+                resource.setrlimit(resource.RLIMIT_AS, (size + 2**29, before[1]))
+                try:
+                    held = []
+                    while True:
+                        held.append(bytearray(2**26))
+                except MemoryError:
+                    if killed:
+                        os.kill(os.getpid(), signal.SIGKILL)
+                    raise
+                finally:
+                    resource.setrlimit(resource.RLIMIT_AS, before)
+
+            env.step = greedy
+
+        of_runner(algorithm, 1, spoil)
+
+    return harm
+
+
 def hang(algorithm: Any) -> None:
     """An environment whose step does not return."""
 
@@ -184,6 +219,15 @@ def test_an_environment_that_raises_begins_new_episodes(ray: None, tmp_path: Pat
     patient = Patient(tmp_path, raises(1))
     assert patient.train().progress.env_steps >= 6000
     assert patient.noted("env runner 1 failed (ArithmeticError: an angle of no size); it begins anew")
+    assert not patient.noted("going back")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is told by /proc")
+@pytest.mark.parametrize(("killed", "reason"), [(False, "MemoryError"), (True, "its process died")])
+def test_an_env_runner_out_of_memory_begins_anew(killed: bool, reason: str, ray: None, tmp_path: Path) -> None:
+    patient = Patient(tmp_path, runs_out_of_memory(killed), at=1200, sets=("budget.env_steps=4000",))
+    assert patient.train().progress.env_steps >= 4000
+    assert [note for note in patient.notes if "failed" in note] == [f"env runner 1 failed ({reason}); it begins anew"]
     assert not patient.noted("going back")
 
 
