@@ -61,21 +61,19 @@ def cache_folder(package: Path = BASE) -> str:
         writable = os.access(home, os.W_OK)
     except OSError:
         writable = False
-    root = home if writable else _own(Path(tempfile.gettempdir()) / f"freemesh-kernels-{os.getuid()}")
+    root = home if writable else _own_place()
     return str(root / f"kernels-{digest.hexdigest()[:16]}")
 
 
-def _own(folder: Path) -> Path:
-    """``folder``, which is made, if no other user can write to it, or has put it there: what is read from it is run.
-
-    Else a new one, which nobody finds again.
-    """
-    with suppress(FileExistsError):
-        folder.mkdir(mode=0o700, parents=True)
-    about = folder.lstat()
-    if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022:
-        return folder
-    return Path(tempfile.mkdtemp(prefix="freemesh-kernels-"))
+def _own_place() -> Path:
+    """A folder for temporary files that no other user can put machine code into; where there is none, no folder."""
+    with suppress(OSError):
+        place = Path(tempfile.gettempdir()) / f"freemesh-kernels-{os.getuid()}"
+        place.mkdir(mode=0o700, exist_ok=True)
+        about = place.lstat()
+        if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022:
+            return place
+    return Path(os.devnull)
 
 
 class ByModule(UserProvidedCacheLocator):

@@ -15,6 +15,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
+from freemesh_ray.algorithms.awake import asleep, awake
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
@@ -149,8 +150,8 @@ class MeshAlgorithm(Algorithm):
         if answers:
             self._silent = None
         elif self._silent is None:  # what was asked may have taken its time: a replacement gets as long again
-            self._silent = time.monotonic()
-        elif time.monotonic() - self._silent > self.config.runner_timeout:
+            self._silent = awake()
+        elif awake() - self._silent > self.config.runner_timeout:
             raise EnvRunnerError(f"no env runner has answered for {self.config.runner_timeout:.0f} s")
         return answers
 
@@ -165,12 +166,14 @@ class MeshAlgorithm(Algorithm):
         if not asked:
             time.sleep(PAUSE_SECONDS)
             return {}
-        patience = self.config.runner_timeout
+        patience, slept = self.config.runner_timeout, asleep()
         results = manager.foreach_actor(method, kwargs=request, remote_actor_ids=asked, timeout_seconds=patience)
         found = {
             result.actor_id: result.get() if result.ok else Failure("its process died")
             for result in results.result_or_errors
         }
+        if asleep() > slept:  # the time ran out while nobody could answer: who has not is asked again
+            return found
         for runner in set(asked) - set(found):
             ray.kill(manager.actors()[runner], no_restart=False)
             manager.set_actor_state(runner, healthy=False)

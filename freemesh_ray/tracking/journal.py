@@ -18,8 +18,9 @@ import os
 import time
 import uuid
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from itertools import islice
 from pathlib import Path
 
@@ -81,9 +82,8 @@ class Journal:
     @classmethod
     def new(cls, folder: Path, state: State) -> Journal:
         """An empty journal in ``folder``/tracking, of this process."""
-        name = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{uuid.uuid4().hex[:8]}.jsonl"
         folder = folder.resolve()
-        path = folder / "tracking" / name
+        path = folder / "tracking" / f"{_time_of_next(folder):%Y%m%dT%H%M%S}-{uuid.uuid4().hex[:8]}.jsonl"
         path.parent.mkdir(parents=True, exist_ok=True)
         # No one else may open it: whoever may open it may hold its lock.
         descriptor = own_file.opened(folder, path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o600)
@@ -187,7 +187,12 @@ class Journal:
         return entries(self._descriptor, start)
 
     def save(self) -> None:
-        """Write ``state``, all or nothing."""
+        """Write ``state``, all or nothing.
+
+        Raises:
+            OSError: the journal's folder is gone, as a shared one may be; it is not made anew.
+        """
+        self.path.parent.stat()
         with replacing(self.path.with_suffix(".json")) as draft:
             draft.write_text(json.dumps(asdict(self.state)), encoding="utf-8")
 
@@ -217,6 +222,15 @@ def entries(descriptor: int, start: int = 0) -> Iterator[tuple[Event, int]]:
 def journals(folder: Path) -> list[Path]:
     """The journals of a run's folder, oldest first."""
     return sorted((folder / "tracking").glob("*.jsonl"))
+
+
+def _time_of_next(folder: Path) -> datetime:
+    """Now, or a second after the newest journal: the clock may have been set back, and names tell which is newest."""
+    now = datetime.now(UTC).replace(microsecond=0)
+    newest = max((path.name[:15] for path in journals(folder)), default="")
+    with suppress(ValueError, OverflowError):  # a name that is no time
+        return max(now, datetime.strptime(newest, "%Y%m%dT%H%M%S").replace(tzinfo=UTC) + timedelta(seconds=1))
+    return now
 
 
 def shared(folder: Path) -> Path:

@@ -44,7 +44,7 @@ def save(algorithm: Checkpointed, progress: dict[str, Any], folder: Path, keep: 
     Raises:
         OSError: it cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)  # not those above: they are there, or a shared folder has gone
     path = folder / f"step_{progress['env_steps']:09d}"
     for left in folder.glob(".partial_*"):  # by a kill
         shutil.rmtree(left, ignore_errors=True)

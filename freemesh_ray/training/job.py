@@ -97,7 +97,7 @@ def _retried(
     """`train` in a folder that is this process's."""
     failures = 0
     while True:
-        before = [path.name for path in checkpoint.found(folder.checkpoints)]
+        before = _newest(folder)
         try:
             return _attempt(config, folder, resume, failures, make, report, note, interrupted)
         except FINAL:
@@ -105,15 +105,30 @@ def _retried(
         except Exception as error:
             brief = (str(error) or type(error).__name__).strip().splitlines()[0][:200]
             _write_down(folder, error)
-            now = [path.name for path in checkpoint.found(folder.checkpoints)]
-            failures = 1 if now[:1] != before[:1] else failures + 1
+            now = _newest(folder)
+            failures = 1 if now != before else failures + 1
             if failures > config["checkpoint"]["retries"]:
                 raise TrainingError(
                     f"{folder.path}: {brief} ({folder.failures.name} has more): mend the cause, --resume goes on from "
-                    f"{now[0] if now else 'the start'}"
+                    f"{now or 'the start'}"
                 ) from error
-            note(f"{brief}; going back to {now[0] if now else 'the start'} (failure {failures} in a row)")
+            note(f"{brief}; going back to {now or 'the start'} (failure {failures} in a row)")
             resume = True
+
+
+def _newest(folder: RunFolder) -> str | None:
+    """The name of the newest checkpoint, if there is one.
+
+    Raises:
+        RunError: the folder that was claimed is gone or cannot be reached, as a shared one may be.
+    """
+    try:
+        folder.lock.stat()
+        return next((path.name for path in checkpoint.found(folder.checkpoints)), None)
+    except OSError as error:
+        raise RunError(
+            f"{folder.path}: is out of reach ({error.strerror}): mend it, --resume goes on from the last checkpoint"
+        ) from error
 
 
 def _attempt(
@@ -151,8 +166,8 @@ def _attempt(
             draft.write_text(dump(config), encoding="utf-8")
         run.artifact(folder.config)
         training.loop()
+        newest = training.save()
         stages = conclude(training)
-    newest = checkpoint.found(folder.checkpoints)[0]
     return TrainingResult(training.progress, folder.policy, newest, folder.curve, stages)
 
 

@@ -6,7 +6,7 @@ It is given an algorithm and a place for its metrics, so that a test can hand it
 from __future__ import annotations
 
 import json
-import time
+import os
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from envs.domains.load import source
+from freemesh_ray.algorithms.awake import awake
 from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.config import ALGORITHMS, meshing_parameters
 from freemesh_ray.policies.evaluation import COMPLETION, MODES, RETURN, metric
@@ -29,6 +30,8 @@ from freemesh_ray.training.run_folder import RunFolder
 
 #: Episodes that the running figures of the progress line are means of.
 RECENT = 50
+#: Seconds that an iteration takes at least: a clock may stand still in it.
+SHORTEST = 1e-9
 
 
 class Algorithm(Protocol):
@@ -71,7 +74,7 @@ class Progress:
 
     Attributes:
         env_steps, updates: so far.
-        seconds: wall clock of training, evaluation and checkpoints, over all its starts.
+        seconds: of training, evaluation and checkpoints, over all its starts, without those that it was asleep.
         evaluated_at: env steps at the last evaluation.
         best: score of the best policy (completion rate, return), None before the first evaluation.
         best_steps: env steps of the best policy.
@@ -134,7 +137,10 @@ class Training:
         self._recent: deque[Any] = deque(maxlen=RECENT)
         self._stages = [source(stage).name for stage in self.config["curriculum"]["stages"]]
         self._saved_at = self._tried_at = -1
-        self._clock = time.monotonic()
+        #: Of evaluations, and not written yet: lines, and the best policy.
+        self._rows: list[bytes] = []
+        self._best: Policy | None = None
+        self._clock = awake()
 
     def resume(self) -> bool:
         """Go on from the newest checkpoint that can be read, if there is one; damaged ones are set aside.
@@ -172,6 +178,7 @@ class Training:
             self.progress = Progress(**progress)
         except TypeError as error:
             raise checkpoint.CheckpointError(f"{path}: not a checkpoint of this version ({error})") from error
+        self._rows, self._best = [], None
         self.folder.forget_after(self.progress.env_steps)
         self._saved_at = self._tried_at = self.progress.env_steps
 
@@ -181,18 +188,17 @@ class Training:
         Raises:
             OutputError: it cannot be written.
         """
-        if self._saved_at == self.progress.env_steps:
-            return checkpoint.found(self.folder.checkpoints)[0]
+        if self._saved_at == self.progress.env_steps and (found := checkpoint.found(self.folder.checkpoints)):
+            return found[0]
         self._tick()
         self._tried_at = self.progress.env_steps
         keep = self.config["checkpoint"]["keep"]
         try:
+            self._write_evaluations()
             path = checkpoint.save(self.algorithm, vars(self.progress).copy(), self.folder.checkpoints, keep)
-        except OSError as error:
+        except (OSError, OutputError) as error:
             where = self.folder.checkpoints
-            raise OutputError(
-                f"{where}: no checkpoint at {self._tried_at:,} steps ({error.strerror or error})"
-            ) from error
+            raise OutputError(f"{where}: no checkpoint at {self._tried_at:,} steps ({_reason(error)})") from error
         self._saved_at = self.progress.env_steps
         return path
 
@@ -205,14 +211,15 @@ class Training:
     def loop(self) -> None:
         """Train until the budget is spent; evaluate and checkpoint on the way and at the end.
 
-        A checkpoint that cannot be written, on a full disk, is tried again an interval later; only the last must be.
+        A checkpoint or an evaluation that cannot be written, on a full disk or to a shared folder that is away, is
+        tried again later; only the last must be.
 
         Raises:
             KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
             Exception: whatever the algorithm raised; everything up to the last checkpoint is in it.
-            OutputError: the last checkpoint, or the best policy, cannot be written.
+            OutputError: the last checkpoint, or what goes with it, cannot be written.
         """
-        self._clock = time.monotonic()
+        self._clock = awake()
         progress = self.progress
         while not self.done():
             try:
@@ -250,13 +257,20 @@ class Training:
 
         Returns:
             The evaluation's figures; none when the budget was spent before.
+
+        Raises:
+            OutputError: they cannot be written.
         """
-        self._clock = time.monotonic()
+        self._clock = awake()
         values: dict[str, float] = {}
         while not self.done() and not values:
             self._iterate()
             if self._evaluation_due() or self.done():
                 values = self.evaluate()
+        try:
+            self._write_evaluations()
+        except OSError as error:
+            raise OutputError(f"{self.folder.evaluations}: cannot be written ({_reason(error)}): make room") from error
         self._tick()
         return values
 
@@ -266,15 +280,15 @@ class Training:
 
     def _tick(self) -> None:
         """Add the time since the last tick to the training's."""
-        now = time.monotonic()
+        now = awake()
         self.progress.seconds += now - self._clock
         self._clock = now
 
     def _iterate(self) -> None:
-        began, updates = time.monotonic(), self.algorithm.updates
+        began, updates = awake(), self.algorithm.updates
         stage = self.algorithm.curriculum.name
         results = self.algorithm.train()
-        took = time.monotonic() - began
+        took = max(awake() - began, SHORTEST)
         progress = self.progress
         self._catch_up()
         self._recent.extend(self.algorithm.finished)
@@ -337,17 +351,37 @@ class Training:
                 values[metric(mode, name)] = float(np.mean([means[name] for means in figures]))
         self.progress.evaluated_at = self.progress.env_steps
         self.run.metrics(values, step=self.progress.env_steps)
-        self._append({"env_steps": self.progress.env_steps, "seconds": round(self.progress.seconds, 1), **values})
+        row = {"env_steps": self.progress.env_steps, "seconds": round(self.progress.seconds, 1), **values}
+        self._rows.append(f"{json.dumps(row)}\n".encode())
         score = [values[COMPLETION], values[RETURN]]
         if self.progress.best is None or score >= self.progress.best:
             self.progress.best, self.progress.best_steps = score, self.progress.env_steps
-            self.policy(env_steps=self.progress.env_steps, scores=values).save(self.folder.policy)
+            self._best = self.policy(env_steps=self.progress.env_steps, scores=values)
+        try:
+            self._write_evaluations()
+        except (OSError, OutputError) as error:
+            self.note(f"{self.folder.path}: no evaluation written ({_reason(error)}); training goes on, it comes later")
         return values
 
-    def _append(self, row: dict[str, Any]) -> None:
-        path = self.folder.evaluations
-        try:
-            with open(path, "a", encoding="utf-8", opener=refusing_links) as file:
-                file.write(json.dumps(row) + "\n")
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({error.strerror}): make room, then --resume") from error
+    def _write_evaluations(self) -> None:
+        """Write what evaluations have found that is not written yet: a checkpoint has all before it.
+
+        Raises:
+            OSError, OutputError: it cannot be written; what was not comes with the next try.
+        """
+        while self._rows:
+            with open(self.folder.evaluations, "ab+", opener=refusing_links) as file:
+                if file.seek(0, os.SEEK_END):
+                    file.seek(-1, os.SEEK_END)
+                    if file.read(1) != b"\n":  # a line that was cut short, by a full disk or a kill
+                        file.write(b"\n")
+                file.write(self._rows[0])
+            del self._rows[0]
+        if self._best is not None:
+            self._best.save(self.folder.policy)
+            self._best = None
+
+
+def _reason(error: Exception) -> str:
+    """Why something could not be written."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -45,7 +45,7 @@ class Metric(NamedTuple):
 ITERATION: dict[str, Metric] = {
     "train/stage": Metric("index", "stage of the curriculum, from 0", lambda it: it.stage),
     "train/updates": Metric("count", "gradient updates so far", lambda it: it.updates),
-    "train/seconds": Metric("s", "wall clock so far, over all starts", lambda it: it.seconds),
+    "train/seconds": Metric("s", "so far, over all starts, without sleep", lambda it: it.seconds),
     "train/updates_per_second": Metric("1/s", "gradient updates of the iteration", lambda it: it.new_updates / it.took),
 }
 #: Of the episodes that ended in the iteration: means, missing where none ended.

@@ -25,7 +25,7 @@ from typing import Any
 from envs.errors import FAILED, UserError
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import parsed, read_text
-from freemesh_ray.storage.lock import held
+from freemesh_ray.storage.lock import FILE, held
 from freemesh_ray.training import checkpoint
 
 
@@ -78,6 +78,11 @@ class RunFolder:
     def curve(self) -> Path:
         """Picture of the evaluation returns."""
         return self.path / "learning_curve.png"
+
+    @property
+    def lock(self) -> Path:
+        """Held by the process that trains here; the file stays."""
+        return self.path / FILE
 
     @property
     def meshes(self) -> Path:

@@ -157,31 +157,28 @@ def test_a_place_that_cannot_be_written_to_is_left_alone(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
     assert folder_of(copy).is_relative_to(tmp_path / "temporary")
 
 
-@pytest.mark.parametrize("planted", ["a link", "a file", "writable by others", "another user's"])
-def test_machine_code_of_somebody_else_is_not_run(
-    planted: str, copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize("place", ["open to all", "a link", "a file", "of another", "nowhere"])
+def test_machine_code_that_others_could_have_put_there_is_not_run(
+    place: str, copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    usual = folder_of(copy).parent
-    assert usual.stat().st_mode & 0o077 == 0
-    usual.rmdir()
-    if planted == "a link":
-        usual.symlink_to(copy)
-    elif planted == "a file":
-        usual.write_text("")
-    elif planted == "writable by others":
-        usual.mkdir()
-        usual.chmod(0o777)
-    elif os.geteuid():
-        pytest.skip("root only can make it another user's")
-    else:
-        usual.mkdir()
-        os.chown(usual, 65534, 65534)
-    chosen = folder_of(copy)
-    assert not chosen.is_relative_to(usual)
-    assert chosen.parent.stat().st_mode & 0o077 == 0
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / ("none" if place == "nowhere" else "")))
+    folder = tmp_path / f"freemesh-kernels-{os.getuid()}"
+    (tmp_path / "theirs").mkdir()
+    if place == "a link":
+        folder.symlink_to(tmp_path / "theirs")
+    elif place == "a file":
+        folder.touch()
+    elif place != "nowhere":
+        folder.mkdir()
+        folder.chmod(0o777 if place == "open to all" else 0o700)
+    if place == "of another":
+        if os.geteuid():
+            pytest.skip("only root can give a folder away")
+        os.chown(folder, 65534, 65534)
+    assert folder_of(copy).parent == Path(os.devnull)

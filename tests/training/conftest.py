@@ -1,4 +1,4 @@
-"""What tests of the training share: settings of a small one."""
+"""What tests of the training share: settings of a small one, and a clock."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from freemesh_ray import config
+from freemesh_ray.algorithms import awake
 
 
 @pytest.fixture
@@ -24,3 +25,11 @@ def settings(tmp_path: Path) -> dict[str, Any]:
             "tracking.enabled=false",
         ],
     )
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time that the loop reads, in seconds."""
+    now = [1000.0]
+    monkeypatch.setattr(awake.time, "monotonic", lambda: now[0])
+    return now

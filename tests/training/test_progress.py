@@ -17,7 +17,6 @@ from freemesh_ray.cli.progress_line import ProgressLine
 from freemesh_ray.cli.train import COLUMNS, train_table
 from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.tracking import MLflowRun
-from freemesh_ray.training import loop
 from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Status, Training
 from freemesh_ray.training.run_folder import RunFolder
@@ -50,14 +49,6 @@ class Timed(Fake):
         self.clock[0] += 4.0
         self.finished[-1:] = [Episode("T1", 60, 10.0, True, 30, 0.5), Episode("T1", 80, 20.0, False, 50, 0.75)]
         return results
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The time that the loop reads, in seconds."""
-    now = [1000.0]
-    monkeypatch.setattr(loop.time, "monotonic", lambda: now[0])
-    return now
 
 
 def timed(settings: Mapping[str, Any], clock: list[float], folder: Path) -> tuple[list[Status], Recorder]:
