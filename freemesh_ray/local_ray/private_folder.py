@@ -12,8 +12,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from envs.errors import UserError
 from freemesh_ray.storage.atomic import OutputError
-from freemesh_ray.storage.lock import FILE, InUseError, held
+from freemesh_ray.storage.lock import FILE, held
 
 #: What the folder of an embedded Ray begins with.
 FOLDER = "ray-"
@@ -79,7 +80,7 @@ def _is_safe(folder: Path) -> bool:
 def _remove_left(parent: Path) -> None:
     """Remove the folders of this user's below ``parent`` that nobody holds any more."""
     for folder in parent.glob(f"{FOLDER}*"):
-        with suppress(OSError, InUseError):
+        with suppress(OSError, UserError):
             about = folder.lstat()
             # In a folder of somebody else's the lock might be a link to any file.
             if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid() or about.st_mode & 0o077:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import time
@@ -47,10 +48,8 @@ def places() -> Iterator[dict[str, str]]:
     folder = Path(f"/tmp/s{os.getpid()}")
     folder.mkdir(mode=0o700)
     yield {"RAY_TMPDIR": str(folder)}
-    left = sorted(folder.iterdir())
-    for path in left:
-        path.rmdir()
-    folder.rmdir()
+    left = list(folder.iterdir())
+    shutil.rmtree(folder)
     assert left == []
 
 

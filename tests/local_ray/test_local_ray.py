@@ -122,3 +122,39 @@ def test_ray_s_own_variable_is_not_passed_over(tmp_path: Path) -> None:
 def test_a_place_that_cannot_be_written_to_is_passed_over() -> None:
     with private_folder({"TMPDIR": "/proc/nowhere"}) as folder:
         assert str(folder.parent) in SHORT_FOLDERS
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+def test_a_place_where_others_could_put_another_folder_is_passed_over(depth: int) -> None:
+    with tempfile.TemporaryDirectory(prefix="s", dir="/tmp") as open_to_all:
+        parent = Path(open_to_all, *["in"] * depth)
+        parent.mkdir(exist_ok=True)
+        Path(open_to_all).chmod(0o777)
+        with private_folder({"TMPDIR": str(parent)}) as folder:
+            assert str(folder.parent) in SHORT_FOLDERS
+        with pytest.raises(OutputError, match="that you can write to and others cannot"):
+            private_folder({"RAY_TMPDIR": str(parent)}).__enter__()
+        assert list(parent.iterdir()) == []
+
+
+@pytest.mark.parametrize("planted", ["a folder that others can write to", "another user's", "a link"])
+def test_locks_that_others_have_planted_are_not_taken(planted: str, tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("years of work")
+    os.utime(precious, (0, 0))
+    with tempfile.TemporaryDirectory(prefix="s", dir="/tmp") as short:
+        trap = Path(short) / "ray-12345678"
+        trap.mkdir()
+        trap.chmod(0o777 if planted == "a folder that others can write to" else 0o700)
+        os.link(precious, trap / FILE) if planted == "a link" else (trap / FILE).symlink_to(precious)
+        if planted == "another user's":
+            if os.geteuid():
+                pytest.skip("root only can make it another user's")
+            os.chown(trap, 65534, 65534)
+        elif planted == "a link":
+            trap = trap.rename(tmp_path / "away")
+            (Path(short) / "ray-12345678").symlink_to(trap)
+        with private_folder({"TMPDIR": short}):
+            pass
+        assert precious.read_text() == "years of work"
+        assert (trap / FILE).exists()
