@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = parser().parse_args(arguments)
         if options.command != "submit":  # which talks to somebody else's Ray
             ray_environment()
-        with _ended_by_sigterm():
+        with _ended_by_signals():
             return COMMANDS[options.command].run(options)
     except UserError as error:
         note(f"freemesh: {error}")
@@ -71,16 +71,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
-    """Let a scheduler's signal be what Ctrl-C is."""
+def _ended_by_signals() -> Iterator[None]:
+    """Let a scheduler's signal, and that of a terminal that is closed, be what Ctrl-C is."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, _interrupt)
+    numbers = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as `nohup` leaves it
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, _interrupt) for number in numbers}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

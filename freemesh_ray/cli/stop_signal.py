@@ -1,4 +1,4 @@
-"""Ctrl-C, or a scheduler's SIGTERM, to a command that has something to save."""
+"""Ctrl-C, a scheduler's SIGTERM, or a terminal that is closed, to a command that has something to save."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ class StopSignal:
         self._timer: threading.Timer | None = None
 
     def __enter__(self) -> Self:
-        self._before = {number: signal.signal(number, self._remember) for number in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as `nohup` leaves it
+            numbers.append(signal.SIGHUP)
+        self._before = {number: signal.signal(number, self._remember) for number in numbers}
         return self
 
     def __exit__(

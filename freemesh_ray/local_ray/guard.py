@@ -20,7 +20,7 @@ from freemesh_ray.local_ray.processes import STOPPED, Process, children, process
 from freemesh_ray.local_ray.vital import NEEDED, lost, started
 
 #: Who may be gone: Ray's code ends a process that finds its raylet dead, and a dying process takes its raylet along.
-ANY = "this command, or Ray's raylet,"
+ANY = "this command, or its Ray,"
 #: Seconds between two looks.
 LOOK_SECONDS = 0.5
 #: Looks in a row at which a process is found stopped before it is let go on: a shell's `fg` may be on its way.

@@ -91,9 +91,10 @@ class Session:
         os._exit(code)
 
     def _start_guard(self) -> None:
-        # A process group of its own: Ctrl-C is for us.
+        # A process group of its own: Ctrl-C is for us. And nothing from the folder that we were started in (-P).
+        arguments = [str(self._folder), str(os.getpid()), self._fix]
         self._guard = subprocess.Popen(
-            [sys.executable, "-m", "freemesh_ray.local_ray.guard", str(self._folder), str(os.getpid()), self._fix],
+            [sys.executable, "-P", "-m", "freemesh_ray.local_ray.guard", *arguments],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}, stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL, process_group=0,
         )  # fmt: skip

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from freemesh_ray.local_ray.private_folder import private_folder
 from freemesh_ray.local_ray.session import Session
@@ -37,6 +38,24 @@ def _without_its_greeting() -> Iterator[None]:
             for line in caught.read().decode(errors="replace").splitlines():
                 if "Set ray log level" not in line:
                     print(line, file=sys.stderr)
+
+
+@contextmanager
+def _in_groups_of_their_own() -> Iterator[None]:
+    """Start Ray's processes in process groups of their own: signals to a command's group are for the command."""
+    from ray._private import services
+
+    before = services.ConsolePopen
+
+    class Apart(before):  # type: ignore[misc, valid-type]
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, process_group=0, **options)
+
+    services.ConsolePopen = Apart
+    try:
+        yield
+    finally:
+        services.ConsolePopen = before
 
 
 def _start(slots: int, folder: Path) -> None:
@@ -129,7 +148,7 @@ def local_ray(workers: int, fix: str = "start it again", *, supervised: bool = F
             stack.enter_context(_temporary_files_in(folder))
             session = stack.enter_context(Session(folder, fix, supervised=supervised))
             stack.callback(ray.shutdown)
-            with _own_handler_of_sigterm(), _without_its_greeting():
+            with _own_handler_of_sigterm(), _without_its_greeting(), _in_groups_of_their_own():
                 _start(max(workers + 1, os.cpu_count() or 1), folder)
             session.watch()
             stack.callback(session.unwatch)

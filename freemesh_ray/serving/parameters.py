@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,8 @@ from envs.polygons.sizing import MOST_GRADING
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
 from freemesh_ray.serving.limits import Limits
 
+#: A number as JSON and everybody writes it, or nearly so.
+PLAIN = re.compile(r"[+-]?[0-9.]+([eE][+-]?[0-9]+)?")
 #: Characters of a client's text that are repeated to it.
 QUOTED = 40
 
@@ -56,7 +59,7 @@ def number(low: float, high: float, wanted: str) -> ValueType:
     """A number in [low, high]."""
 
     def read(text: str) -> float:
-        if not low <= (value := float(text)) <= high:
+        if not PLAIN.fullmatch(text) or not low <= (value := float(text)) <= high:
             raise ValueError
         return value
 
@@ -67,7 +70,7 @@ def whole(low: int, high: int) -> ValueType:
     """A whole number in [low, high]."""
 
     def read(text: str) -> int:
-        if not low <= (value := int(text)) <= high:
+        if not PLAIN.fullmatch(text) or not low <= (value := int(text)) <= high:
             raise ValueError
         return value
 
@@ -89,7 +92,7 @@ def value_types(densities: Sequence[str], limits: Limits) -> dict[str, ValueType
     """What every parameter takes, by its name, which is that of its field in `Parameters`."""
     switch = choice(("true", "false"), lambda text: text == "true")
     return {
-        "edge_length": number(1e-300, 1e300, "a number above 0, in the polygon's units"),
+        "edge_length": number(1e-300, 1e300, "a number from 1e-300 to 1e300, in the polygon's units"),
         "grading": number(1.0, MOST_GRADING, f"a ratio from 1 to {MOST_GRADING:g}"),
         "fix_parity": switch,
         "density": choice(densities),

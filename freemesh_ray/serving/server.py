@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 LOOK, WITHOUT = 0.5, 60.0
 
 #: Seconds for what is being meshed when the service is to end.
-GRACE = 6
+GRACE = 4
 
 
 class _Server(uvicorn.Server):
@@ -103,6 +103,7 @@ async def _serve(order: Order, parent: Pipe, session: Session) -> None:
             with suppress(TimeoutError):
                 await asyncio.wait_for(ending.wait(), LOOK)
     finally:
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # it tells of requests that it does not wait for
         server.should_exit = True
         with suppress(SystemExit, asyncio.CancelledError):
             await listening

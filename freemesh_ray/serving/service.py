@@ -22,7 +22,7 @@ from freemesh_ray.serving.order import Order, ServiceEnded, ServiceError
 LOOK, SILENT = 1.0, 8.0
 
 #: Seconds that the service may take to end; what is left of it then is killed.
-ENDING = 7.5
+ENDING = 6.0
 
 
 def is_loopback(host: str) -> bool:
@@ -67,14 +67,15 @@ class Service:
         with theirs:
             # In a session of its own: signals of the terminal reach it through this process alone.
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "freemesh_ray.serving.server", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", "freemesh_ray.serving.server", str(theirs.fileno())],
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
         try:
-            self._connection.send(order)
+            with suppress(OSError):  # it is dead already, which is told below
+                self._connection.send(order)
             self._next()
         except BaseException:
             self.end()

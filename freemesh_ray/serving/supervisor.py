@@ -60,7 +60,7 @@ class Supervisor:
         self._control, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "freemesh_ray.serving.worker", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", "freemesh_ray.serving.worker", str(theirs.fileno())],
                 # What can be imported here can be imported there.
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
                 stdin=subprocess.DEVNULL,

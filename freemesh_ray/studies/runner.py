@@ -232,8 +232,8 @@ def run_trials(
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let Tune end the study in peace at the first SIGINT or SIGTERM, which takes it a quarter of a minute where trials
-    are amid a step, but for `PEACE_SECONDS` at most, or until the second signal.
+    """Let Tune end the study in peace at the first SIGINT, SIGTERM or SIGHUP, for `PEACE_SECONDS` at most, or until the
+    second: where trials are amid a step it would take a quarter of a minute.
     """
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -245,7 +245,10 @@ def ended_by_signals() -> Iterator[None]:
         timers[0].start()
 
     timers: list[threading.Timer] = []
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as `nohup` leaves it
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, end) for number in numbers}
     try:
         yield
     finally:

@@ -13,12 +13,24 @@ from freemesh_ray.cli import stop_signal
 from freemesh_ray.cli.command import main
 from freemesh_ray.cli.stop_signal import StopSignal
 
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-@pytest.fixture(params=[signal.SIGTERM, signal.SIGINT])
+
+@pytest.fixture(params=NUMBERS)
 def number(request: pytest.FixtureRequest) -> Iterator[signal.Signals]:
-    before = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)]
+    own = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run below nohup
+    before = [signal.getsignal(each) for each in NUMBERS]
     yield request.param
-    assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)] == before
+    assert [signal.getsignal(each) for each in NUMBERS] == before
+    signal.signal(signal.SIGHUP, own)
+
+
+def test_what_nohup_has_the_process_ignore_is_ignored() -> None:
+    own = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with StopSignal(lambda: None) as stop:
+        signal.raise_signal(signal.SIGHUP)
+        assert not stop.was_given()
+    signal.signal(signal.SIGHUP, own)
 
 
 def test_the_first_is_remembered_and_the_second_interrupts(number: signal.Signals) -> None:
@@ -56,9 +68,9 @@ def test_who_asks_has_time_to_save_but_not_to_stay(number: signal.Signals, monke
     assert ended.wait(30)
 
 
-def test_a_scheduler_s_signal_ends_every_command_as_ctrl_c_does(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_signal_ends_every_command_as_ctrl_c_does(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("freemesh_ray.cli.domains.run", lambda options: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr("freemesh_ray.cli.domains.run", lambda options: os.kill(os.getpid(), number))
     assert main(["domains"]) == 130
     assert capsys.readouterr().err == "freemesh: interrupted\n"

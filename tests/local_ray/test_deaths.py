@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 from process_tree import RAY, Command, running
 
 pytestmark = [
@@ -53,6 +54,23 @@ def places() -> Iterator[dict[str, str]]:
     assert left == []
 
 
+def test_nothing_is_imported_from_the_folder_that_it_is_started_in(tmp_path: Path, places: dict[str, str]) -> None:
+    """As an installed command is: Python itself puts that folder first for what is run as a module."""
+    folder, script = tmp_path / "downloads", tmp_path / "bin" / "command.py"
+    folder.mkdir()
+    script.parent.mkdir()
+    for name in ("shutil", "select", "uvicorn", "h11", "cloudpickle", "numba", "envs"):
+        (folder / f"{name}.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write({name!r})\n")
+    script.write_text(WAITING)
+    with running([str(script)], folder, places | {"PYTHONPATH": str(ROOT)}) as command:
+        command.until(lambda: "ready" in command.output and command.named("ray::sleep"), 120, "starts")
+        for _ in range(2):
+            command.process.terminate()
+            time.sleep(0.5)
+        command.process.wait(60)
+    assert not (tmp_path / "imported").exists()
+
+
 @pytest.fixture
 def waiting(tmp_path: Path, places: dict[str, str]) -> Iterator[Command]:
     with running(["-c", WAITING], tmp_path, places) as command:
@@ -82,7 +100,7 @@ def test_of_a_command_that_is_killed_nothing_is_left(waiting: Command) -> None:
     waiting.process.kill()
     assert waiting.ended(PATIENCE) == -signal.SIGKILL
     print(f"{time.monotonic() - began:.1f} s")
-    assert told(waiting) == ["freemesh: this command, or Ray's raylet, is gone, killed or out of memory: mend it"]
+    assert told(waiting) == ["freemesh: this command, or its Ray, is gone, killed or out of memory: mend it"]
 
 
 def test_a_signal_is_obeyed_though_the_work_hangs(waiting: Command) -> None:

@@ -281,18 +281,24 @@ def test_a_learner_that_is_killed_is_made_anew_from_the_last_checkpoint(ray: Non
     assert "Traceback" in (patient.folder / "failures.log").read_text()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_scheduler_s_signal_is_a_checkpoint_and_an_end(number: signal.Signals, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "to_group"), [(signal.SIGINT, False), (signal.SIGTERM, True), (signal.SIGHUP, True)]
+)
+def test_a_signal_is_a_checkpoint_and_an_end(number: signal.Signals, to_group: bool, tmp_path: Path) -> None:
+    """To the command, or to its process group, as `timeout` and a terminal that is closed send it."""
     command = [
         sys.executable, "-m", "freemesh_ray", "train", "--config", "train_smoke.yaml", "--resume", "--set",
-        "runners.count=0", "--set", "tracking.enabled=false", "--set", "checkpoint.interval=100000", "--set",
+        "runners.count=1", "--set", "tracking.enabled=false", "--set", "checkpoint.interval=100000", "--set",
         "evaluation.interval=100000", "--set", "budget.env_steps=1000000", "--set", "budget.minutes=null",
     ]  # fmt: skip
-    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        ["env", "--default-signal=HUP", *command], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True,
+    )  # fmt: skip
     assert process.stdout is not None
     while "step " not in (line := process.stdout.readline()):
         assert line, process.stderr.read() if process.stderr else ""
-    process.send_signal(number)
+    (os.killpg if to_group else os.kill)(process.pid, number)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130
     assert err == "freemesh: interrupted\n"
