@@ -64,10 +64,8 @@ def test_nothing_is_imported_from_the_folder_that_it_is_started_in(tmp_path: Pat
     script.write_text(WAITING)
     with running([str(script)], folder, places | {"PYTHONPATH": str(ROOT)}) as command:
         command.until(lambda: "ready" in command.output and command.named("ray::sleep"), 120, "starts")
-        for _ in range(2):
-            command.process.terminate()
-            time.sleep(0.5)
-        command.process.wait(60)
+        command.process.terminate()
+        assert command.ended(60) == 130
     assert not (tmp_path / "imported").exists()
 
 
