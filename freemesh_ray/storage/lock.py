@@ -47,7 +47,7 @@ def held(folder: Path, fix: str, patience: float = 0.0) -> Iterator[bool]:
 
     Raises:
         InUseError: another holds it.
-        UserError: the file is a link, through which another would be written to.
+        UserError: the file is a link, through which another would be written to, or another user's.
         OSError: there is no such folder, or it cannot be written to.
     """
     descriptor = _opened(folder)
@@ -85,6 +85,8 @@ def _opened(folder: Path) -> int:
     except OSError as error:
         if error.errno == errno.ELOOP:
             raise UserError(f"{path}: is a link to another file: remove it") from error
+        if error.errno == errno.EACCES and path.exists():
+            raise UserError(f"{path}: belongs to another user, who works here: choose another folder") from error
         raise
     if os.fstat(descriptor).st_nlink > 1:
         os.close(descriptor)

@@ -126,3 +126,15 @@ def test_a_link_in_the_locks_place_is_refused_and_its_target_kept(make: Callable
 def test_no_other_user_may_hold_it(tmp_path: Path) -> None:
     with held(tmp_path, "wait"):
         assert (tmp_path / FILE).stat().st_mode & 0o077 == 0
+
+
+def test_a_lock_of_another_user_s_is_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a folder of a group; root may open every file, so the refusal is the test's."""
+    (tmp_path / FILE).touch()
+
+    def refuse(path: object, *arguments: object) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(UserError, match=r"belongs to another user, who works here: choose another folder$"):
+        held(tmp_path, "wait").__enter__()
