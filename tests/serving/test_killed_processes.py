@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from intrusion import got_by_another_account
 from listening import named
 from processes import Server, free_port
 from worker_processes import forking, workers
@@ -140,6 +141,20 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     with started(tmp_path_factory.mktemp("survives")) as one:
         yield one
         terminated(one, [name for name in PROCESSES if name not in ("command", *SPARED)])
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another account")
+def test_another_account_gets_nothing_of_it(service: Server) -> None:
+    processes = {service.pid} | {one.number for one in of_session(server(service))}
+    raylet = Path(f"/proc/{first('raylet/raylet')(service)}/cmdline").read_text().split("\0")
+    (sockets,) = {
+        Path(word.partition("=")[2]).parents[3] for word in raylet if word.startswith("--raylet_socket_name=")
+    }
+    told = got_by_another_account(
+        processes, sockets, spared={service.log}, open_ports={int(service.url.rpartition(":")[2])}
+    )
+    assert "\n".join(told["got"]) == ""
+    assert told["refused"] > 100
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,7 @@ killed in turn. docs/faults.md and docs/security.md tell of these tests; with ``
 
 from __future__ import annotations
 
-import json
 import os
-import re
 import signal
 import stat
 import subprocess
@@ -13,10 +11,9 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from checkout import ROOT
+from intrusion import got_by_another_account
 from process_tree import RAY, Command, running, state
 
 from freemesh_ray.storage.lock import FILE
@@ -90,67 +87,10 @@ def test_what_it_writes_follows_the_umask(patient: Patient) -> None:
         assert stat.S_IMODE(mode) == expected, path
 
 
-def methods() -> list[str]:
-    """Every method of every gRPC service that this Ray has."""
-    import importlib
-    import pkgutil
-
-    from ray.core import generated
-
-    found = {f"/ray.rpc.ObjectManagerService/{name}" for name in ("Push", "Pull", "FreeObjects")}  # C++ alone
-    for module in pkgutil.iter_modules(generated.__path__):
-        if module.name.endswith("_pb2"):
-            services = importlib.import_module(f"ray.core.generated.{module.name}").DESCRIPTOR.services_by_name
-            found |= {f"/{one.full_name}/{method.name}" for one in services.values() for method in one.methods}
-    return sorted(found)
-
-
-def ports(processes: set[int]) -> set[int]:
-    """What the processes listen on."""
-    sockets = set()
-    for number in processes:
-        for link in Path(f"/proc/{number}/fd").glob("*"):
-            try:
-                sockets |= set(re.findall(r"^socket:\[(\d+)\]$", os.readlink(link)))
-            except OSError:
-                continue
-    rows = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
-    listening = [row for row in rows if row[3] == "0A" and row[9] in sockets]
-    strangers = [
-        row[1] for row in listening if not row[1].startswith(("0100007F:", "0000000000000000FFFF00000100007F:"))
-    ]
-    assert strangers == []
-    return {int(row[1].rpartition(":")[2], 16) for row in listening}
-
-
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another account")
 def test_another_account_gets_nothing_of_it(patient: Patient) -> None:
-    processes = set(patient.command.members())
-    opened: set[str] = set()
-    for number in processes:
-        for link in Path(f"/proc/{number}/fd").glob("*"):
-            try:
-                opened.add(os.readlink(link))
-            except OSError:
-                continue
-    private = list(patient.temporary.rglob("*"))
-    others = [Path(path) for path in opened if path.startswith(("/tmp/", "/dev/shm/", "/var/tmp/"))]
-    paths = [str(path) for path in [*private, *others] if path.exists() and path != patient.command.log]
-    listening = ports(processes)
-    assert len(paths) > 20
-    assert len(listening) > 5
-    given: dict[str, Any] = {
-        "paths": paths, "processes": sorted(processes), "ports": sorted(listening), "methods": methods()
-    }  # fmt: skip
-    attack = subprocess.run(
-        [sys.executable, ROOT / "tests/training/intruder.py"], input=json.dumps(given), capture_output=True, text=True,
-        timeout=300, cwd="/tmp", env={"PATH": os.environ["PATH"]},
-    )  # fmt: skip
-    assert attack.returncode == 0, attack.stderr
-    told = json.loads(attack.stdout)
-    print(f"{len(paths)} paths, {len(listening)} ports, {told['refused']} calls refused")
-    # Ray tells whoever asks that it is alive; nothing else.
-    assert "\n".join(line for line in told["got"] if "/api/local_raylet_healthz: " not in line) == ""
+    told = got_by_another_account(set(patient.command.members()), patient.temporary, spared={patient.command.log})
+    assert "\n".join(told["got"]) == ""
     assert told["refused"] > 100
 
 
