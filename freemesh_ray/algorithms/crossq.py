@@ -14,10 +14,10 @@ import torch
 from torch import nn
 
 from freemesh_ray.algorithms import squashed_gaussian
-from freemesh_ray.algorithms.actor_critic_module import ActorCriticModule
 from freemesh_ray.algorithms.networks import Mlp, MlpStack
 from freemesh_ray.algorithms.off_policy import OffPolicy, OffPolicyConfig
 from freemesh_ray.algorithms.off_policy_learner import Minibatch, OffPolicyLearner
+from freemesh_ray.algorithms.sac_module import SACModule
 from freemesh_ray.config import ConfigError
 
 #: Share of a batch in the running figures, added to a variance, bounds of the correction, and updates without one.
@@ -81,21 +81,11 @@ class RenormalisedMlpStack(RenormalisedMlp, MlpStack):
     """Several of them side by side."""
 
 
-class CrossQModule(ActorCriticModule):
-    """Renormalised actor and critics, no targets, and the temperature, which begins at ``initial_alpha``."""
+class CrossQModule(SACModule):
+    """SAC's module with renormalised actor and critics, and without targets."""
 
-    TARGETED: tuple[str, ...] = ()
+    TARGETED = ()
     ACTOR, CRITIC = RenormalisedMlp, RenormalisedMlpStack
-
-    def setup(self) -> None:
-        """Build the networks, and the temperature."""
-        super().setup()
-        if not self.inference_only:
-            self.log_alpha = nn.Parameter(torch.log(torch.tensor([float(self.model_config["initial_alpha"])])))
-
-    def get_non_inference_attributes(self) -> list[str]:
-        """What acting does not need."""
-        return [*super().get_non_inference_attributes(), "log_alpha"]
 
 
 class CrossQLearner(OffPolicyLearner):
