@@ -157,6 +157,7 @@ def test_a_signal_ends_a_study_within_ten_seconds_though_its_trials_are_amid_a_s
     path = written(tmp_path, "long", {"variants": {"small": {"learner.batch_size": 8}}, "seeds": [1]})
     with running(command(path)[1:], tmp_path, environment(tmp_path, 1000.0)) as study:
         study.until(lambda: "begin 8/1" in log(tmp_path), 300, "begins")
+        study.until(lambda: statuses(tmp_path, "long") == {"small-1": "running"}, 60, "is known to run")
         began = time.monotonic()
         study.process.send_signal(how)
         assert study.ended(60) != 0
