@@ -22,3 +22,8 @@ class UserError(Exception):
 
     def __init__(self, message: str = "") -> None:
         super().__init__(printable(message))
+
+
+class PluginError(UserError, RuntimeError):
+    """Code of a user's own, named in a setting or given to a call, that is missing, of another form, or raised; one
+    line with its name, what is wrong and the fix."""

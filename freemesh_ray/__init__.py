@@ -6,22 +6,31 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from envs.errors import PluginError
     from freemesh_ray.mesher.api import Mesh, mesh
+    from freemesh_ray.training.callback import Callback, StopTraining
 
     __version__: str
 
-__all__ = ["Mesh", "mesh"]
+__all__ = ["Callback", "Mesh", "PluginError", "StopTraining", "mesh"]
+
+#: Where each lies; imported on demand: the mesher needs no platform, and the platform no mesher.
+_MODULES = {
+    "Callback": "freemesh_ray.training.callback",
+    "Mesh": "freemesh_ray.mesher.api",
+    "PluginError": "envs.errors",
+    "StopTraining": "freemesh_ray.training.callback",
+    "mesh": "freemesh_ray.mesher.api",
+}
 
 
 def __getattr__(name: str) -> Any:
-    # On demand: the platform's processes need no mesher.
-    if name in __all__:
-        from freemesh_ray.mesher import api
-
-        return getattr(api, name)
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
     if name == "__version__":  # it stands in pyproject.toml alone
         from importlib.metadata import version
 

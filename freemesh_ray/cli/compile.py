@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from freemesh_ray.cli.arguments import add_command
-from freemesh_ray.cli.progress_line import CompilingLine
+from freemesh_ray.cli.compiling_line import CompilingLine
 from freemesh_ray.formatting.terminal import say
 
 

@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
         MeshingError: a domain that has no valid mesh.
     """
     from envs.domains.load import load_all
-    from freemesh_ray.cli.progress_line import CompilingLine
+    from freemesh_ray.cli.compiling_line import CompilingLine
     from freemesh_ray.mesher.api import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.policies.policy import SHIPPED, Policy

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from envs.errors import INTERRUPTED
 from freemesh_ray.cli.arguments import add_command, add_settings
-from freemesh_ray.cli.stop_signal import StopSignal
 from freemesh_ray.formatting.terminal import say
+from freemesh_ray.training.stop_signal import StopSignal
 
 if TYPE_CHECKING:
-    from freemesh_ray.training.job import TrainingResult
     from freemesh_ray.training.loop import Algorithm
+    from freemesh_ray.training.run import Run
 
 EPILOG = """\
 examples:
@@ -61,10 +61,10 @@ def run(options: argparse.Namespace) -> int:
     """
     from freemesh_ray import config
     from freemesh_ray.algorithms.device import check
-    from freemesh_ray.cli.progress_line import ProgressLine
     from freemesh_ray.config.paths import Paths
     from freemesh_ray.local_ray import local_ray
     from freemesh_ray.training.job import prepare, train
+    from freemesh_ray.training.progress_line import ProgressLine
 
     settings = Paths.from_environment().resolved(config.load(options.config, options.set))
     check(settings["learner"])
@@ -85,20 +85,18 @@ def run(options: argparse.Namespace) -> int:
                     settings,
                     resume=options.resume,
                     make=make,
-                    report=progress.show,
-                    note=progress.note,
-                    interrupted=lambda: stop.was_given() or progress.lost is not None,
+                    callbacks=[progress],
+                    interrupted=stop.was_given,
                 )
         except KeyboardInterrupt:
             if progress.lost is not None:
                 raise progress.lost from None
             raise
-    progress.finish()
     say(train_table(result, settings))
     return 0
 
 
-def train_table(result: TrainingResult, config: Mapping[str, Any]) -> str:
+def train_table(run: Run, config: Mapping[str, Any]) -> str:
     """What a training ends with."""
     from freemesh_ray.config.paths import pasted
     from freemesh_ray.formatting.table import duration, table
@@ -106,10 +104,10 @@ def train_table(result: TrainingResult, config: Mapping[str, Any]) -> str:
 
     rows = [
         [stage.domain, name, *(format(figures[key], form) if figures else "-" for key, _, form in COLUMNS)]
-        for stage in result.stages
+        for stage in run.stages
         for name, figures in (stage.figures or {"not completed": {}}).items()
     ]
-    progress = result.progress
+    progress = run.progress
     lines = [
         "",
         table(["domain", "mesh", *(title for _, title, _ in COLUMNS)], rows, left=(0, 1)),
@@ -117,14 +115,12 @@ def train_table(result: TrainingResult, config: Mapping[str, Any]) -> str:
         f"trained {progress.env_steps:,} steps, {progress.updates:,} updates in {duration(progress.seconds)}"
         f" ({progress.updates / max(progress.seconds, 1e-9):.0f} updates/s)",
         f"best policy from step {progress.best_steps:,}",
-        f"policy      {pasted(result.policy)}",
-        f"checkpoint  {pasted(result.checkpoint)}",
-        f"curve       {pasted(result.curve)}",
+        f"policy      {pasted(run.folder.policy)}",
+        f"checkpoint  {pasted(run.checkpoint or '-')}",
+        f"curve       {pasted(run.folder.curve)}",
     ]
-    lines += [
-        f"{stage.domain:<11} {pasted(stage.files[0]) if stage.files else stage.reason}" for stage in result.stages
-    ]
-    for folder in {path.parent: None for stage in result.stages for path in stage.files}:
+    lines += [f"{stage.domain:<11} {pasted(stage.files[0]) if stage.files else stage.reason}" for stage in run.stages]
+    for folder in {path.parent: None for stage in run.stages for path in stage.files}:
         lines.append(f"meshes      {pasted(folder)}")
     if config["tracking"]["enabled"]:
         lines.append(f"compare     {browsing(config['tracking']['uri'])}")

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from envs.domains.load import source
+from envs.errors import PluginError
 from envs.types import Domain, DomainError
 from freemesh_ray import plots
 from freemesh_ray.config import ConfigError, dump, flatten
@@ -26,35 +26,17 @@ from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError, refusing_links, replacing
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.loop import Algorithm, Progress, Status, Training
+from freemesh_ray.training.callback import Callback, Callbacks
+from freemesh_ray.training.loop import Algorithm, Training
+from freemesh_ray.training.run import Run
 from freemesh_ray.training.run_folder import RunError, RunFolder, TrainingError
-from freemesh_ray.training.stage_meshes import FINISHED, RAW, StageMeshes, mesh_stage
-
-
-@dataclass(frozen=True)
-class TrainingResult:
-    """What the main job leaves.
-
-    Attributes:
-        progress: at the end.
-        policy: file of the best policy.
-        checkpoint: newest checkpoint.
-        curve: picture of the learning curve.
-        stages: each meshed with the best policy.
-    """
-
-    progress: Progress
-    policy: Path
-    checkpoint: Path
-    curve: Path
-    stages: list[StageMeshes]
-
+from freemesh_ray.training.stage_meshes import FINISHED, RAW, mesh_stage
 
 #: What the meshes' metrics begin with.
 METRICS = {RAW: "mesh", FINISHED: "finished"}
 
 #: Errors of the input or the place, which going back to a checkpoint does not mend.
-FINAL = (DomainError, ConfigError, RunError, OutputError, checkpoint.CheckpointError)
+FINAL = (DomainError, ConfigError, RunError, OutputError, checkpoint.CheckpointError, PluginError)
 
 
 def train(
@@ -62,17 +44,17 @@ def train(
     *,
     resume: bool = False,
     make: Callable[[Mapping[str, Any]], Algorithm],
-    report: Callable[[Status], None] = lambda status: None,
-    note: Callable[[str], None] = lambda line: None,
+    callbacks: Sequence[Callback] = (),
     interrupted: Callable[[], bool] = lambda: False,
-) -> TrainingResult:
+) -> Run:
     """The whole main job; what fails on the way goes on from the last checkpoint.
 
     Args:
         config: a complete tree (``config.load``), its paths absolute (`config.paths`).
         resume: go on from the run's newest checkpoint; without one, begin.
         make: the algorithm's factory.
-        report, note, interrupted: see Training.
+        callbacks: told of it, in order.
+        interrupted: see Training.
 
     Raises:
         DomainError, RunError, InUseError: see `claimed`.
@@ -80,9 +62,11 @@ def train(
         TrainingError: it failed more often in a row than ``checkpoint.retries``.
         CheckpointError: none of its checkpoints can be read.
         OutputError: something cannot be written.
+        PluginError: a callback raised; everything up to then is in a checkpoint.
     """
+    told = Callbacks(callbacks)
     with claimed(config, resume) as folder:
-        return _retried(config, folder, resume, make, report, note, interrupted)
+        return _retried(config, folder, resume, make, told, interrupted)
 
 
 def _retried(
@@ -90,17 +74,18 @@ def _retried(
     folder: RunFolder,
     resume: bool,
     make: Callable[[Mapping[str, Any]], Algorithm],
-    report: Callable[[Status], None],
-    note: Callable[[str], None],
+    callbacks: Callbacks,
     interrupted: Callable[[], bool],
-) -> TrainingResult:
+) -> Run:
     """`train` in a folder that is this process's."""
     failures = 0
     while True:
         before = _newest(folder)
         try:
-            return _attempt(config, folder, resume, failures, make, report, note, interrupted)
-        except FINAL:
+            return _attempt(config, folder, resume, failures, make, callbacks, interrupted)
+        except FINAL as error:
+            if isinstance(error, PluginError):
+                _write_down(folder, error)
             raise
         except Exception as error:
             brief = (str(error) or type(error).__name__).strip().splitlines()[0][:200]
@@ -112,7 +97,7 @@ def _retried(
                     f"{folder.path}: {brief} ({folder.failures.name} has more): mend the cause, --resume goes on from "
                     f"{now or 'the start'}"
                 ) from error
-            note(f"{brief}; going back to {now or 'the start'} (failure {failures} in a row)")
+            callbacks.tell("on_note", f"{brief}; going back to {now or 'the start'} (failure {failures} in a row)")
             resume = True
 
 
@@ -137,10 +122,9 @@ def _attempt(
     resume: bool,
     failures: int,
     make: Callable[[Mapping[str, Any]], Algorithm],
-    report: Callable[[Status], None],
-    note: Callable[[str], None],
+    callbacks: Callbacks,
     interrupted: Callable[[], bool],
-) -> TrainingResult:
+) -> Run:
     """`train` until something fails; after failures with other random numbers, which may not bring them about again."""
     tracking = config["tracking"]
     with (
@@ -157,7 +141,7 @@ def _attempt(
             enabled=tracking["enabled"],
         ) as run,
     ):
-        training = Training(algorithm, config, folder, run, report, note, interrupted)
+        training = Training(algorithm, config, folder, run, callbacks, interrupted)
         if resume:
             training.resume()
         if failures:
@@ -166,9 +150,7 @@ def _attempt(
             draft.write_text(dump(config), encoding="utf-8")
         run.artifact(folder.config)
         training.loop()
-        newest = training.save()
-        stages = conclude(training)
-    return TrainingResult(training.progress, folder.policy, newest, folder.curve, stages)
+        return conclude(training)
 
 
 @contextmanager
@@ -259,7 +241,7 @@ def check_unchanged(folder: RunFolder, config: Mapping[str, Any]) -> None:
             )
 
 
-def conclude(training: Training) -> list[StageMeshes]:
+def conclude(training: Training) -> Run:
     """Mesh every stage of a training that came to its end with its best policy, and draw the learning curve.
 
     Files and the meshes' figures are tracked: ``mesh/DOMAIN/...`` of the raw ones, ``finished/DOMAIN/...`` of the
@@ -268,12 +250,13 @@ def conclude(training: Training) -> list[StageMeshes]:
     Raises:
         OutputError: a file cannot be written.
         KeyboardInterrupt: it was interrupted.
+        PluginError: a callback raised.
     """
     folder = training.folder
     policy = Policy.load(folder.policy)
     stages = []
     for stage in training.config["curriculum"]["stages"]:
-        training.leave_if_interrupted()
+        training.leave_if_told()
         stages.append(mesh_stage(policy, stage, folder.meshes))
     for stage in stages:
         for name, prefix in METRICS.items():
@@ -282,7 +265,10 @@ def conclude(training: Training) -> list[StageMeshes]:
             training.run.metrics(values, step=training.progress.env_steps)
     for path in [folder.policy, draw_curve(folder), *(file for stage in stages for file in stage.files)]:
         training.run.artifact(path, "meshes" if path.parent == folder.meshes else None)
-    return stages
+    run = Run(folder, training.progress, stages)
+    training.callbacks.tell("on_end", run)
+    training.callbacks.check()
+    return run
 
 
 def draw_curve(folder: RunFolder) -> Path:

@@ -26,6 +26,7 @@ from freemesh_ray.storage.atomic import OutputError, refusing_links
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.tracking.provenance import provenance
 from freemesh_ray.training import checkpoint, metrics
+from freemesh_ray.training.callback import Callbacks
 from freemesh_ray.training.run_folder import RunFolder
 
 #: Episodes that the running figures of the progress line are means of.
@@ -118,8 +119,7 @@ class Training:
         config: the resolved tree.
         folder: where the run's files lie.
         run: where metrics go.
-        report: called with a Status after every iteration.
-        note: called with a line of text at milestones.
+        callbacks: told of what happens.
         interrupted: asked after every iteration and for every mesh at the end; when it says so, a checkpoint is saved
             and KeyboardInterrupt raised.
     """
@@ -128,8 +128,7 @@ class Training:
     config: Mapping[str, Any]
     folder: RunFolder
     run: MLflowRun
-    report: Callable[[Status], None] = lambda status: None
-    note: Callable[[str], None] = lambda line: None
+    callbacks: Callbacks = field(default_factory=Callbacks)
     interrupted: Callable[[], bool] = lambda: False
     progress: Progress = field(default_factory=Progress)
 
@@ -153,11 +152,12 @@ class Training:
             try:
                 read = checkpoint.read(path)
             except checkpoint.CheckpointError as error:
-                self.note(f"{error}; set aside as {checkpoint.set_aside(path).name}, going back to the one before")
+                self._note(f"{error}; set aside as {checkpoint.set_aside(path).name}, going back to the one before")
                 damaged = error
                 continue
             self._take_over(path, *read)
-            self.note(f"going on from {path} ({self.progress.env_steps:,} steps, {self.progress.seconds / 60:.1f} min)")
+            progress = self.progress
+            self._note(f"going on from {path} ({progress.env_steps:,} steps, {progress.seconds / 60:.1f} min)")
             return True
         self.folder.forget_after(-1)
         if damaged:
@@ -200,13 +200,14 @@ class Training:
             where = self.folder.checkpoints
             raise OutputError(f"{where}: no checkpoint at {self._tried_at:,} steps ({_reason(error)})") from error
         self._saved_at = self.progress.env_steps
+        self.callbacks.tell("on_checkpoint", path)
         return path
 
     def done(self) -> bool:
-        """Whether the budget is spent."""
+        """Whether the budget is spent, or a callback stopped it."""
         budget = self.config["budget"]
         out_of_time = budget["minutes"] is not None and self.progress.seconds >= 60 * budget["minutes"]
-        return out_of_time or self.progress.env_steps >= budget["env_steps"]
+        return self.callbacks.stopped or out_of_time or self.progress.env_steps >= budget["env_steps"]
 
     def loop(self) -> None:
         """Train until the budget is spent; evaluate and checkpoint on the way and at the end.
@@ -218,9 +219,11 @@ class Training:
             KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
             Exception: whatever the algorithm raised; everything up to the last checkpoint is in it.
             OutputError: the last checkpoint, or what goes with it, cannot be written.
+            PluginError: a callback raised; everything up to then is in a checkpoint.
         """
         self._clock = awake()
         progress = self.progress
+        self.start()
         while not self.done():
             try:
                 self._iterate()
@@ -228,28 +231,42 @@ class Training:
                     self.evaluate()
             except Cut:
                 self._catch_up()
-            self.leave_if_interrupted()
+            self.leave_if_told()
             if progress.env_steps - max(0, self._tried_at) >= self.config["checkpoint"]["interval"]:
                 try:
                     self.save()
                 except OutputError as error:
-                    self.note(f"{error}; training goes on, the next is tried later")
-        if progress.evaluated_at < progress.env_steps:
+                    self._note(f"{error}; training goes on, the next is tried later")
+        if progress.evaluated_at < progress.env_steps or progress.best is None:
             with suppress(Cut):
                 self.evaluate()
         self.save()
-        self.leave_if_interrupted()
+        self.leave_if_told()
 
-    def leave_if_interrupted(self) -> None:
-        """Save a checkpoint, if there is none of this moment, where ``interrupted`` says so.
+    def start(self) -> None:
+        """Tell the callbacks that it begins, or goes on.
+
+        Raises:
+            PluginError: one raised; there is nothing to save yet.
+        """
+        self.callbacks.tell("on_start", self)
+        self.callbacks.check()
+
+    def leave_if_told(self) -> None:
+        """Save a checkpoint, if there is none of this moment, where ``interrupted`` says so or a callback raised.
 
         Raises:
             KeyboardInterrupt: it did.
+            PluginError: a callback raised.
             OutputError: the checkpoint cannot be written.
         """
-        if self.interrupted():
+        if self.callbacks.error is not None:
+            with suppress(OutputError):
+                self.save()
+        self.callbacks.check()
+        if self.interrupted() or self.callbacks.interrupted:
             path = self.save()
-            self.note(f"interrupted at {self.progress.env_steps:,} steps; saved {path}: --resume goes on from it")
+            self._note(f"interrupted at {self.progress.env_steps:,} steps; saved {path}: --resume goes on from it")
             raise KeyboardInterrupt
 
     def to_next_evaluation(self) -> dict[str, float]:
@@ -300,15 +317,18 @@ class Training:
         self.run.metrics(values, step=progress.env_steps)
         self.algorithm.finished.clear()
         if self.algorithm.curriculum.name != stage:
-            self.note(f"stage {stage} -> {self.algorithm.curriculum.name} at {progress.env_steps:,} steps")
-        self.report(self._status((progress.updates - updates) / took))
+            self._note(f"stage {stage} -> {self.algorithm.curriculum.name} at {progress.env_steps:,} steps")
+        self.callbacks.tell("on_iteration", self._status((progress.updates - updates) / took))
+
+    def _note(self, line: str) -> None:
+        self.callbacks.tell("on_note", line)
 
     def _catch_up(self) -> None:
         """Count and tell what the algorithm has done since it was last asked."""
         self.progress.env_steps, self.progress.updates = self.algorithm.env_steps, self.algorithm.updates
         self._tick()
         for incident in self.algorithm.incidents:
-            self.note(incident)
+            self._note(incident)
         self.algorithm.incidents.clear()
 
     def _status(self, updates_per_second: float) -> Status:
@@ -360,7 +380,9 @@ class Training:
         try:
             self._write_evaluations()
         except (OSError, OutputError) as error:
-            self.note(f"{self.folder.path}: no evaluation written ({_reason(error)}); training goes on, it comes later")
+            where = f"{self.folder.path}: no evaluation written"
+            self._note(f"{where} ({_reason(error)}); training goes on, it comes later")
+        self.callbacks.tell("on_evaluation", row)
         return values
 
     def _write_evaluations(self) -> None:

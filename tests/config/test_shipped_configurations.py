@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import yaml
 from ray import tune
+from told import told
 
 import tune_configs
 from envs.domains.load import source
@@ -108,13 +109,13 @@ def test_a_training_is_killed_in_its_last_stage_and_goes_on_to_its_end(path: Pat
             raise Killed
 
     with pytest.raises(Killed):
-        train(tree, make=make, report=kill)
+        train(tree, make=make, callbacks=told(report=kill))
     newest = checkpoint.found(folder.checkpoints)[0]
     at = checkpoint.read(newest)[1]["env_steps"]
     assert stage_of(newest) == len(names) - 1
     assert at == before[-2].env_steps < before[-1].env_steps
 
-    trained = train(tree, make=make, resume=True, report=after.append, note=notes.append)
+    trained = train(tree, make=make, resume=True, callbacks=told(report=after.append, note=notes.append))
     assert any(f"going on from {newest} " in note for note in notes)
     assert list(dict.fromkeys(status.stage for status in before + after)) == names
     assert {status.stage for status in after} == {names[-1]}
@@ -122,7 +123,7 @@ def test_a_training_is_killed_in_its_last_stage_and_goes_on_to_its_end(path: Pat
     assert trained.progress.env_steps >= tree["budget"]["env_steps"]
     assert trained.checkpoint == checkpoint.found(folder.checkpoints)[0] != newest
     assert len(trained.stages) == len(names)
-    assert trained.policy.is_file()
+    assert trained.folder.policy.is_file()
     (row,) = evaluated(folder)
     assert all(f"eval_deterministic/{name}/return" in row for name in names)
     assert not folder.failures.exists()

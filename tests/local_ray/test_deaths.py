@@ -23,7 +23,7 @@ pytestmark = [
 WAITING = """
 import time
 from envs.errors import INTERRUPTED
-from freemesh_ray.cli.stop_signal import StopSignal
+from freemesh_ray.training.stop_signal import StopSignal
 from freemesh_ray.local_ray import local_ray
 
 with local_ray(1, "mend it") as session:

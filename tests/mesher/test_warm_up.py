@@ -24,7 +24,7 @@ from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.compiling import compiling, missing, needed
 from envs.mdp.front import _index
-from freemesh_ray.cli.progress_line import CompilingLine
+from freemesh_ray.cli.compiling_line import CompilingLine
 from freemesh_ray.mesher import mesh_domain, meshing, warm_up
 from freemesh_ray.policies.policy import DEFAULT, Policy
 

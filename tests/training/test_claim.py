@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from test_training import Fails, Fake, run
+from told import told
 
 from freemesh_ray.cli import command
 from freemesh_ray.storage.lock import FILE, InUseError
@@ -58,7 +59,7 @@ def test_a_training_holds_its_folder_until_it_ends_and_no_longer(settings: dict[
 
     settings["checkpoint"]["retries"] = 0
     with pytest.raises(TrainingError):
-        train(settings, make=lambda _: Fails(700), report=report)
+        train(settings, make=lambda _: Fails(700), callbacks=told(report=report))
     assert len(refused) == 6
     run(settings, Fake(), resume=True)
     with folder.claimed(resume=True):

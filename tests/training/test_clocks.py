@@ -16,10 +16,10 @@ from typing import Any
 import pytest
 from test_progress import Timed
 from test_training import Fake, rows
+from told import told
 
 from freemesh_ray.algorithms import awake, mesh_algorithm
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
-from freemesh_ray.cli.progress_line import ProgressLine
 from freemesh_ray.storage.lock import InUseError, held
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking import journal
@@ -28,6 +28,7 @@ from freemesh_ray.tracking.killed_runs import fail_killed_runs
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Status
+from freemesh_ray.training.progress_line import ProgressLine
 
 HOUR, DAY = 3600.0, 86_400.0
 
@@ -64,7 +65,7 @@ def test_an_hour_asleep_is_no_hour_of_training(
             sleep()
 
     fake = Interrupted(clock, {} if between else {500: sleep})
-    trained = train(settings, make=lambda _: fake, report=report)
+    trained = train(settings, make=lambda _: fake, callbacks=told(report=report))
     # The look that ends an hour's gap may leave out an iteration's four seconds with it.
     assert trained.progress.env_steps == 1000 if minutes is None else 900 <= trained.progress.env_steps <= 1000
     assert trained.progress.seconds == pytest.approx(trained.progress.env_steps / 25, abs=4.001)
@@ -72,7 +73,7 @@ def test_an_hour_asleep_is_no_hour_of_training(
     assert all(status.updates_per_second > 0 for status in statuses)
     stream = io.StringIO()
     for status in statuses:
-        ProgressLine(stream).show(status)
+        ProgressLine(stream).on_iteration(status)
     assert "0:00:" not in stream.getvalue()
     assert checkpoint.read(trained.checkpoint)[1]["seconds"] < 60
 
@@ -169,13 +170,18 @@ def wall_clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 def test_the_machine_s_clock_set_back_and_forth_changes_nothing(
     settings: dict[str, Any], wall_clock: list[float], tmp_path: Path
 ) -> None:
+    statuses: list[Status] = []
+
     def jump(status: Status) -> None:
+        statuses.append(status)
         wall_clock[0] = DAY * (-1) ** (status.env_steps // 100)
 
     settings["tracking"] |= {"enabled": True, "uri": f"sqlite:///{tmp_path / 'mlflow.db'}"}
     statuses: list[Status] = []
     began = time.monotonic()
-    trained = train(settings, make=lambda _: Fake(), report=lambda status: (jump(status), statuses.append(status)))
+    trained = train(
+        settings, make=lambda _: Fake(), callbacks=told(report=lambda status: (jump(status), statuses.append(status)))
+    )
     took = time.monotonic() - began
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
     assert 0 < trained.progress.seconds < took

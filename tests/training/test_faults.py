@@ -20,14 +20,16 @@ from typing import Any
 import numpy as np
 import pytest
 from test_training import Fake
+from told import told
 
 from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.job import TrainingResult, train
+from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Status
+from freemesh_ray.training.run import Run
 from freemesh_ray.training.run_folder import TrainingError
 
 pytestmark = pytest.mark.slow
@@ -78,10 +80,12 @@ class Patient:
         algorithm.train = harmed
         return algorithm
 
-    def train(self, **options: Any) -> TrainingResult:
+    def train(self, **options: Any) -> Run:
         """To the end."""
         try:
-            return train(self.settings, make=self.make, note=self.notes.append, report=self.statuses.append, **options)
+            return train(
+                self.settings, make=self.make, callbacks=told(self.statuses.append, self.notes.append), **options
+            )
         finally:
             if len(self.clock) == 2:
                 print(f"{self.clock[1] - self.clock[0]:.1f} s until an iteration was over again")
@@ -341,7 +345,7 @@ def test_a_disk_that_is_full_costs_a_checkpoint_not_the_training(small_disk: Pat
             ballast.write_bytes(bytes(3_500_000))
 
     with pytest.raises(OutputError, match=r"checkpoints: no checkpoint at 1,000 steps \(No space left on device\)"):
-        train(settings, make=lambda _: Large(), note=notes.append, report=fill)
+        train(settings, make=lambda _: Large(), callbacks=told(fill, notes.append))
     assert [note.split(";")[1] for note in notes] == [" training goes on, the next is tried later"] * 2
     (kept,) = checkpoint.found(small_disk / "large" / "checkpoints")
     assert checkpoint.read(kept)[0]["env_steps"] == 300

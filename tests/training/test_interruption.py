@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from test_training import Fake, run
+from told import told
 
 from freemesh_ray.algorithms.cut import Cut
 
@@ -34,7 +35,7 @@ class Hurried(Fake):
 def test_what_was_done_is_saved(at: int, where: str, settings: dict[str, Any]) -> None:
     fake, notes = Hurried(at, where), list[str]()
     with pytest.raises(KeyboardInterrupt):
-        run(settings, fake, interrupted=lambda: fake.asked, note=notes.append)
+        run(settings, fake, interrupted=lambda: fake.asked, callbacks=told(note=notes.append))
     assert f"interrupted at {at:,} steps; saved " in notes[-1]
     again = Fake()
     trained = run(settings, again, resume=True)

@@ -19,6 +19,7 @@ from checkout import ROOT
 from process_tree import running
 from test_progress import Timed
 from test_training import Fake, rows, run
+from told import told
 
 from envs.errors import UserError
 from envs.kernels.compiled import cache_folder
@@ -60,14 +61,14 @@ def test_a_folder_that_is_away_for_a_while_costs_nothing(steps: int, failures: i
 
     if steps == 1000:
         with pytest.raises(UserError) as raised:
-            run(settings, Fake(), report=report, note=notes.append)
+            run(settings, Fake(), callbacks=told(report=report, note=notes.append))
         assert "\n" not in str(raised.value)
         assert "no checkpoint at 1,000 steps (No such file or directory)" in str(raised.value)
         assert not runs.exists()
         away.rename(runs)
         assert run(settings, Fake(), resume=True).progress.env_steps == 1000
     else:
-        assert run(settings, Fake(), report=report, note=notes.append).progress.env_steps == 1000
+        assert run(settings, Fake(), callbacks=told(report=report, note=notes.append)).progress.env_steps == 1000
         assert len(notes) == failures
         assert all("No such file or directory); training goes on" in note for note in notes)
         assert all(note.startswith(str(runs)) for note in notes)
@@ -87,7 +88,7 @@ def test_a_checkpoint_has_the_evaluations_before_it_that_could_not_be_written(se
             away.rename(runs)
 
     with pytest.raises(KeyboardInterrupt):
-        run(settings, Fake(interrupt_at=500), report=report)
+        run(settings, Fake(interrupt_at=500), callbacks=told(report=report))
     assert [row["env_steps"] for row in rows(settings)] == [300]
     assert (runs / "fake" / "policy.npz").is_file()
     assert checkpoints(settings) == ["step_000000400"]
@@ -105,7 +106,7 @@ def test_a_checkpoint_makes_no_folder_where_a_shared_one_was(settings: dict[str,
             made.append(runs.exists())
             runs.with_name("away").rename(runs)
 
-    assert run(settings, Fake(), report=report, note=notes.append).progress.env_steps == 1000
+    assert run(settings, Fake(), callbacks=told(report=report, note=notes.append)).progress.env_steps == 1000
     assert made == [False]
     assert "no checkpoint at 400 steps" in notes[0]
 
@@ -118,7 +119,7 @@ def test_a_folder_that_is_removed_is_the_training_s_end_and_not_made_anew(
     settings["tracking"] |= {"enabled": tracked, "uri": f"sqlite:///{tmp_path / 'mlflow.db'}"}
     runs = Path(settings["paths"]["runs"])
     with pytest.raises(UserError) as raised:
-        run(settings, Fake(), report=at_steps(500, lambda: shutil.rmtree(runs)))
+        run(settings, Fake(), callbacks=told(report=at_steps(500, lambda: shutil.rmtree(runs))))
     assert "\n" not in str(raised.value)
     assert str(runs) in str(raised.value)
     assert not runs.exists()
@@ -182,7 +183,7 @@ def test_a_folder_that_cannot_be_reached_ends_in_one_line(
     notes: list[str] = []
     try:
         with pytest.raises(UserError) as raised:
-            run(settings, Falls(), report=at_steps(500, gone.__enter__), note=notes.append)
+            run(settings, Falls(), callbacks=told(report=at_steps(500, gone.__enter__), note=notes.append))
     finally:
         gone.__exit__(None, None, None)
     assert "\n" not in str(raised.value)
@@ -208,7 +209,7 @@ def test_a_slow_folder_costs_its_time_and_nothing_else(
 
     monkeypatch.setattr(os, "fsync", slow)
     statuses: list[Status] = []
-    trained = train(settings, make=lambda _: Timed(clock), report=statuses.append)
+    trained = train(settings, make=lambda _: Timed(clock), callbacks=told(report=statuses.append))
     assert trained.progress.env_steps == 1000
     assert len(flushed) >= 6
     assert trained.progress.seconds >= 40.0 + 5.0 * 4  # the last checkpoint's are not in it
@@ -245,9 +246,9 @@ def test_a_line_cut_short_by_a_full_disk_does_not_take_the_next_with_it(
         return wrapped(open(path, mode, **named))
 
     monkeypatch.setattr(loop, "open", opened, raising=False)
-    trained = run(settings, Fake(), note=notes.append)
+    trained = run(settings, Fake(), callbacks=told(note=notes.append))
     assert "no evaluation written (No space left on device); training goes on" in notes[0]
-    folder = trained.policy.parent
+    folder = trained.folder.path
     assert [row["env_steps"] for row in loop.RunFolder(folder).read_evaluations()] == [300, 600, 900, 1000]
 
 

@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 from test_training import Fake
+from told import told
 
 from freemesh_ray.algorithms.env_runner import Episode
-from freemesh_ray.cli import progress_line
-from freemesh_ray.cli.progress_line import ProgressLine
 from freemesh_ray.cli.train import COLUMNS, train_table
 from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.tracking import MLflowRun
+from freemesh_ray.training import progress_line
+from freemesh_ray.training.callback import Callbacks
 from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Status, Training
+from freemesh_ray.training.progress_line import ProgressLine
 from freemesh_ray.training.run_folder import RunFolder
 
 
@@ -55,7 +57,7 @@ def timed(settings: Mapping[str, Any], clock: list[float], folder: Path) -> tupl
     """What a training of 1,000 steps tells."""
     statuses: list[Status] = []
     recorder = Recorder(folder)
-    training = Training(Timed(clock), settings, RunFolder(folder), recorder, statuses.append)
+    training = Training(Timed(clock), settings, RunFolder(folder), recorder, Callbacks(told(statuses.append)))
     training.loop()
     return statuses, recorder
 
@@ -102,7 +104,7 @@ def test_the_time_left_is_that_of_the_budget_which_ends_first(
 ])  # fmt: skip
 def test_the_progress_line_is_the_status(status: Status, line: str) -> None:
     stream = io.StringIO()
-    ProgressLine(stream).show(status)
+    ProgressLine(stream).on_iteration(status)
     assert stream.getvalue() == line
 
 
@@ -112,8 +114,8 @@ def test_lines_that_stay_are_rare_and_notes_are_not_lost(monkeypatch: pytest.Mon
     stream, status = io.StringIO(), Status("T1", 1, 2, 3.0, 1.0, 5.0, 6.0)
     line = ProgressLine(stream)
     for _ in range(31):
-        line.show(status)
-        line.note("noted")
+        line.on_iteration(status)
+        line.on_note("noted")
         now[0] += 1.0
     assert stream.getvalue().count("T1  step") == 3
     assert stream.getvalue().count("noted\n") == 31

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from curricula import curriculum
+from told import told
 
 from envs.domains.load import load
 from envs.types import MeshingParameters
@@ -81,14 +82,14 @@ def rows(settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 def test_it_trains_to_its_budget_and_evaluates_on_the_way(settings: dict[str, Any]) -> None:
     statuses: list[Status] = []
-    trained = run(settings, Fake(), report=statuses.append)
+    trained = run(settings, Fake(), callbacks=told(report=statuses.append))
     assert trained.progress.env_steps == 1000
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
     assert [status.env_steps for status in statuses] == list(range(100, 1001, 100))
     assert statuses[-1].completion_rate == 1.0
     assert statuses[-1].mean_return == pytest.approx(np.mean(range(100, 1001, 100)))
-    assert trained.policy.is_file()
-    assert trained.curve.is_file()
+    assert trained.folder.policy.is_file()
+    assert trained.folder.curve.is_file()
     assert trained.checkpoint.name == "step_000001000"
 
 
@@ -262,7 +263,7 @@ class Factory:
 def test_a_failure_goes_back_to_the_last_checkpoint_with_other_random_numbers(settings: dict[str, Any]) -> None:
     notes: list[str] = []
     factory = Factory(700)
-    trained = train(settings, make=factory, note=notes.append)
+    trained = train(settings, make=factory, callbacks=told(note=notes.append))
     assert trained.progress.env_steps == 1000
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
     assert notes[0] == "the learner is gone; going back to step_000000400 (failure 1 in a row)"
@@ -272,7 +273,7 @@ def test_a_failure_goes_back_to_the_last_checkpoint_with_other_random_numbers(se
 
 def test_a_failure_before_the_first_checkpoint_begins_anew(settings: dict[str, Any]) -> None:
     notes: list[str] = []
-    trained = train(settings, make=Factory(350), note=notes.append)
+    trained = train(settings, make=Factory(350), callbacks=told(note=notes.append))
     assert trained.progress.env_steps == 1000
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
     assert "going back to the start" in notes[0]
@@ -280,7 +281,7 @@ def test_a_failure_before_the_first_checkpoint_begins_anew(settings: dict[str, A
 
 def test_failures_with_checkpoints_in_between_are_not_counted_together(settings: dict[str, Any]) -> None:
     settings["checkpoint"]["retries"] = 1
-    trained = train(settings, make=Factory(500, 900), note=lambda line: None)
+    trained = train(settings, make=Factory(500, 900), callbacks=told(note=lambda line: None))
     assert trained.progress.env_steps == 1000
 
 
@@ -301,7 +302,7 @@ def test_a_damaged_checkpoint_is_set_aside_for_the_one_before(settings: dict[str
     state.write_bytes(state.read_bytes()[:-100])
     notes: list[str] = []
     settings["budget"]["env_steps"] = 1200
-    assert run(settings, Fake(), resume=True, note=notes.append).progress.env_steps == 1200
+    assert run(settings, Fake(), resume=True, callbacks=told(note=notes.append)).progress.env_steps == 1200
     assert notes[0].startswith(f"{newest}: unreadable checkpoint")
     assert "going back to the one before" in notes[0]
     assert notes[1].startswith(f"going on from {older}")
@@ -328,7 +329,7 @@ def test_a_checkpoint_that_cannot_be_written_is_tried_again_later(
 
     monkeypatch.setattr(checkpoint, "save", sometimes)
     notes: list[str] = []
-    trained = run(settings, Fake(), note=notes.append)
+    trained = run(settings, Fake(), callbacks=told(note=notes.append))
     assert trained.progress.env_steps == 1000
     assert "no checkpoint at 400 steps (No space left on device); training goes on" in notes[0]
     found = checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints")

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from freemesh_ray.cli import stop_signal
 from freemesh_ray.cli.command import main
-from freemesh_ray.cli.stop_signal import StopSignal
+from freemesh_ray.training import stop_signal
+from freemesh_ray.training.stop_signal import StopSignal
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

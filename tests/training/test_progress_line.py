@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from envs.errors import FAILED
-from freemesh_ray.cli.progress_line import ProgressLine
 from freemesh_ray.formatting.terminal import PIPE_CLOSED
+from freemesh_ray.training.progress_line import ProgressLine
 
 
 @pytest.mark.parametrize(("device", "code"), [("pipe", PIPE_CLOSED), ("/dev/full", FAILED)])
@@ -21,13 +21,13 @@ def test_lost_output_is_remembered_and_raises_nothing(device: str, code: int) ->
         line = ProgressLine(stream)
         assert line.lost is None
         for _ in range(3):
-            line.note("interrupted: \x1b[2J")
+            line.on_note("interrupted: \x1b[2J")
         assert line.lost is not None
         assert line.lost.exit_code == code
 
 
 def test_notes_hold_no_commands_to_the_terminal(tmp_path: Path) -> None:
     with open(tmp_path / "log", "w+", encoding=sys.getdefaultencoding()) as stream:
-        ProgressLine(stream).note("\x1b[2J: two\nlines")
+        ProgressLine(stream).on_note("\x1b[2J: two\nlines")
         stream.seek(0)
         assert stream.read() == "\\x1b[2J: two\nlines\n"

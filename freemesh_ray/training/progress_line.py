@@ -4,34 +4,38 @@ from __future__ import annotations
 
 import math
 import shutil
+import sys
 import time
 from typing import TYPE_CHECKING, TextIO
 
 from freemesh_ray.formatting.table import duration, number
 from freemesh_ray.formatting.terminal import OutputLostError, shown, write
+from freemesh_ray.training.callback import Callback
 
 if TYPE_CHECKING:
     from freemesh_ray.training.loop import Status
+    from freemesh_ray.training.run import Run
 
 #: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
 LOG_INTERVAL = 15.0
 
 
-class ProgressLine:
+class ProgressLine(Callback):
     """One line that is overwritten on a terminal, and written anew now and then elsewhere.
 
     Attributes:
-        lost: why nothing can be shown any more; None while it can.
+        lost: why nothing can be shown any more, which interrupts the training; None while it can.
     """
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """Write to a stream; without one to standard output."""
         self.lost: OutputLostError | None = None
-        self._stream = stream
+        self._stream = stream = stream or sys.stdout
         self._live = stream.isatty()
         self._width = 0
         self._last = -math.inf
 
-    def show(self, status: Status) -> None:
+    def on_iteration(self, status: Status) -> None:
         """Show the figures."""
         line = (
             f"{status.stage}  step {status.env_steps:,}/{status.budget_steps:,}"
@@ -46,11 +50,17 @@ class ProgressLine:
         elif time.monotonic() - self._last >= LOG_INTERVAL:
             self._write(line + "\n")
             self._last = time.monotonic()
+        if self.lost is not None:
+            raise KeyboardInterrupt
 
-    def note(self, text: str) -> None:
+    def on_note(self, line: str) -> None:
         """A line that stays."""
         self.finish()
-        self._write(shown(text) + "\n")
+        self._write(shown(line) + "\n")
+
+    def on_end(self, run: Run) -> None:
+        """Leave the place to what follows."""
+        self.finish()
 
     def finish(self) -> None:
         """End the live line."""
@@ -64,29 +74,3 @@ class ProgressLine:
             write(self._stream, text)
         except OutputLostError as lost:
             self.lost = lost
-
-
-class CompilingLine:
-    """How far compiling is: one line that is overwritten on a terminal, a few lines elsewhere.
-
-    Args:
-        stream: where to.
-        notice: a line before the first, if any.
-    """
-
-    #: Where a line cannot be overwritten, there is one for each such part.
-    PARTS = 4
-
-    def __init__(self, stream: TextIO, notice: str = "") -> None:
-        self._stream, self._notice, self._part = stream, notice, 0
-
-    def show(self, done: int, total: int) -> None:
-        """Show that ``done`` of ``total`` kernels are compiled."""
-        if done == 0 and self._notice:
-            write(self._stream, self._notice + "\n")
-        line = f"compiling kernels: {done} of {total}"
-        if self._stream.isatty():
-            write(self._stream, "\r" + line + ("\n" if done == total else ""))
-        elif done * self.PARTS >= total * (self._part + 1):
-            self._part = done * self.PARTS // total
-            write(self._stream, line + "\n")
