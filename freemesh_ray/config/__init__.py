@@ -9,7 +9,7 @@ from freemesh_ray.config.document import document, dump, plain, read_plain, ship
 from freemesh_ray.config.field import ConfigError, Field, check
 from freemesh_ray.config.layer import Layer, file_layer, set_layer, tree_layer, value_layer, values
 from freemesh_ray.config.schema import COUNT, SCHEMA, SHORTHANDS, register
-from freemesh_ray.config.tree import flatten, load, meshing_parameters, resolve
+from freemesh_ray.config.tree import Overlay, flatten, load, meshing_parameters, resolve
 
 __all__ = [
     "ALGORITHMS",
@@ -21,6 +21,7 @@ __all__ = [
     "Field",
     "Hyperparameter",
     "Layer",
+    "Overlay",
     "check",
     "document",
     "dump",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Number
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +57,34 @@ _NULL = "tag:yaml.org,2002:null"
 
 
 def value_layer(values: Mapping[str, Any], place: str) -> Layer:
-    """Settings by dotted key, as an overlay; ``place`` is where they come from, for messages.
+    """Settings from Python, nested or by dotted key, as an overlay; ``place`` is where they come from, for messages.
+
+    Tuples are lists, and NumPy's numbers Python's.
 
     Raises:
-        ConfigError: an unknown key.
+        ConfigError: an unknown or repeated key.
     """
-    for key in values:
-        if key not in SCHEMA:
-            raise ConfigError(f"{place}: {key}: unknown key{_nearest(key)}")
-    return [Entry(key, value, place) for key, value in values.items()]
+    return _unique(_given(values, "", place))
+
+
+def _given(value: Any, key: str, place: str) -> Iterator[Entry]:
+    """Every setting in ``value``, which is given for ``key`` ("" for all)."""
+    if key in SCHEMA:
+        yield Entry(key, _python(value), place)
+    elif key and key not in sections():
+        raise ConfigError(f"{place}: {key}: unknown key{_nearest(key)}")
+    elif isinstance(value, Mapping):
+        for name, below in value.items():
+            yield from _given(below, f"{key}.{name}" if key else str(name), place)
+    else:
+        raise ConfigError(f"{place}: {key}: is a section: give keys below it, for example {_example(key)}")
+
+
+def _python(value: Any) -> Any:
+    """A value as YAML would give it."""
+    if isinstance(value, list | tuple):
+        return [_python(each) for each in value]
+    return value.item() if isinstance(value, Number) and hasattr(value, "item") else value
 
 
 def values(layer: Layer) -> dict[str, Any]:

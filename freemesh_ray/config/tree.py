@@ -8,24 +8,28 @@ becomes one, and ``1.2e6`` given for an integer becomes 1200000.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from envs.types import SETTINGS, MeshingParameters
 from freemesh_ray.config.algorithms import ALGORITHMS, settings_by_key
 from freemesh_ray.config.field import ConfigError, check
-from freemesh_ray.config.layer import Entry, Layer, file_layer, set_layer
+from freemesh_ray.config.layer import Entry, Layer, file_layer, set_layer, value_layer
 from freemesh_ray.config.schema import SCHEMA, SHORTHANDS
 
 Scalar = str | int | float | bool | None
 
 
-def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[str, Any]:
-    """The defaults, overlaid by files and then by ``key=value`` strings, later ones winning.
+#: An overlay: a YAML file, or settings, nested or by dotted key.
+Overlay = str | os.PathLike[str] | Mapping[str, Any]
+
+
+def load(overlays: Overlay | Sequence[Overlay] = (), sets: Sequence[str] = ()) -> dict[str, Any]:
+    """The defaults, overlaid by files or mappings and then by ``key=value`` strings, later ones winning.
 
     Args:
-        overlays: YAML files; a bare name without suffix (``train_smoke``) is one that ships with the package.
+        overlays: one or several; a bare name without suffix (``train_smoke``) is a file that ships with the package.
         sets: ``key.sub=value``, the value in YAML.
 
     Returns:
@@ -34,7 +38,14 @@ def load(overlays: Sequence[str | Path] = (), sets: Sequence[str] = ()) -> dict[
     Raises:
         ConfigError: an unknown or repeated key, a wrong type or range, a missing, empty or invalid file.
     """
-    return resolve([*map(file_layer, overlays), *map(set_layer, sets)])
+    several = [overlays] if isinstance(overlays, str | os.PathLike | Mapping) else overlays
+    return resolve([*map(_layer, several), *map(set_layer, sets)])
+
+
+def _layer(overlay: Overlay) -> Layer:
+    if isinstance(overlay, Mapping):
+        return value_layer(overlay, "settings")
+    return file_layer(os.fspath(overlay))
 
 
 def resolve(layers: Sequence[Layer]) -> dict[str, Any]:

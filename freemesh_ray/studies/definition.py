@@ -116,8 +116,7 @@ class Study:
             drawn: settings that a search chose.
         """
         layers = [self.settings, *([self.variants[label]] if label is not None else []), *self.last]
-        chosen = {key: list(value) if isinstance(value, tuple) else value for key, value in (drawn or {}).items()}
-        own = config.value_layer({**chosen, "seed": seed}, f"study {self.name}")
+        own = config.value_layer({**(drawn or {}), "seed": seed}, f"study {self.name}")
         return self.paths.resolved(config.resolve([*layers, own]))
 
     def settings_of_all(self) -> dict[str, Any]:
