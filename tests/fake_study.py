@@ -78,7 +78,7 @@ def main(file: str, *options: str) -> None:
     from freemesh_ray.studies.runner import run
 
     with local_ray(1):
-        run(load_study(file), resume="--resume" in options, make=Fake)
+        run(load_study(file), resume="--resume" in options, make=Fake, note=print)
 
 
 if __name__ == "__main__":

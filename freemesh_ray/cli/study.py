@@ -16,8 +16,7 @@ from freemesh_ray.tracking import browsing
 
 if TYPE_CHECKING:
     from freemesh_ray.studies.definition import Study
-    from freemesh_ray.studies.runner import StudyResult
-    from freemesh_ray.studies.study_folder import TrialRecord
+    from freemesh_ray.studies.result import StudyResult, TrialResult
 
 EPILOG = """\
 examples:
@@ -54,84 +53,34 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         ConfigError, StudyError, DomainError: what is wrong with the input.
     """
+    from freemesh_ray.api.study import check
+    from freemesh_ray.api.study import run as run_study
     from freemesh_ray.studies.definition import load, shipped
 
     if options.study is None:
         say(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()], left=(0, 2)))
         return 0
     study = load(options.study, options.set, smoke=options.smoke)
-    check(study)
     if options.dry_run:
+        check(study)
         say(_trials(study))
         return 0
 
-    from freemesh_ray.local_ray import local_ray
-
-    settings = study.settings_of_all()
-    processes = settings["runners"]["count"] + settings["learner"]["count"]
-    with local_ray(processes, "--resume goes on from the last checkpoints"):
-        from freemesh_ray.algorithms.build import build
-        from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
-        from freemesh_ray.report.report import write
-        from freemesh_ray.studies.runner import run as run_study
-
-        gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())
-
-        def report(folder: Path) -> list[Path]:
-            return sorted(write(folder).parent.iterdir())
-
-        say(_opening(study))
-        try:
-            result = run_study(study, resume=options.resume, make=build, report=report)
-        except KeyboardInterrupt:
-            sets = [word for setting in options.set for word in ("--set", setting)]
-            again = ["study", options.study, *sets, *(["--smoke"] if options.smoke else []), "--resume"]
-            note(f"`{shlex.join(['freemesh', *again])}` goes on from the last checkpoints")
-            raise
+    try:
+        result = run_study(study, callbacks=(), resume=options.resume, note=say)
+    except KeyboardInterrupt:
+        sets = [word for setting in options.set for word in ("--set", setting)]
+        again = ["study", options.study, *sets, *(["--smoke"] if options.smoke else []), "--resume"]
+        note(f"`{shlex.join(['freemesh', *again])}` goes on from the last checkpoints")
+        raise
     say(_closing(result, study))
     return 0
-
-
-def check(study: Study) -> None:
-    """Refuse domains that cannot be trained on or meshed, before anything is started.
-
-    Raises:
-        DomainError: as said.
-    """
-    from envs.domains.load import load as load_domain
-    from freemesh_ray.training.job import check_stages
-
-    for domain in study.domains:
-        load_domain(domain)
-    for config in [study.trial_config(label, 0) for label in study.variants] or [study.settings_of_all()]:
-        check_stages(config)
 
 
 def _row(study: Study) -> list[str]:
     count = study.search.trials if study.search else sum(len(study.seeds_of(label)) for label in study.variants)
     compared = ", ".join(study.variants) if study.variants else ", ".join(study.search.space if study.search else ())
     return [study.name, str(count), compared]
-
-
-def _opening(study: Study) -> str:
-    """What is about to happen."""
-    from freemesh_ray.storage.lock import holder
-    from freemesh_ray.studies.runner import parallel, planned
-
-    folder, _, records = planned(study)
-    settings = study.settings_of_all()
-    found = sum(record.status == "finished" for record in records)
-    count = study.search.trials if study.search else len(records)
-    steps = settings["budget"]["env_steps"]
-    known = f", {found} of them trained before" if found else ""
-    lines = [
-        study.title,
-        f"{count} trials of {steps:,} env steps{known}, {parallel(settings)} at a time -> {folder.path}",
-    ]
-    for record in records:
-        if record.status != "finished" and (by := holder(folder.run_of(record).path)):
-            lines.append(f"{record.label}-{record.seed} is waited for: {by}")
-    return "\n".join(lines)
 
 
 def _trials(study: Study) -> str:
@@ -160,18 +109,19 @@ def _closing(result: StudyResult, study: Study) -> str:
     """What came of it."""
     from freemesh_ray.policies.evaluation import metric, mode_and_figure
 
-    by_status: dict[str, list[TrialRecord]] = {}
-    for record in result.records:
-        by_status.setdefault(record.status, []).append(record)
+    by_status: dict[str, list[TrialResult]] = {}
+    for trial in result.trials:
+        by_status.setdefault(trial.status, []).append(trial)
     lines = [", ".join(f"{len(group)} {status}" for status, group in by_status.items())]
-    lines += [f"failed: {record.name}: {record.error}" for record in by_status.get("failed", [])]
+    lines += [f"failed: {trial.name}: {trial.error}" for trial in by_status.get("failed", [])]
     if result.best is not None:
         best = result.best
         mode, _ = mode_and_figure(study.metric)
-        nothing = "" if result.evaluation[metric(mode, "completion_rate")] else ", but it completes no mesh"
-        found = f"{study.metric} {result.evaluation[study.metric]:.3f}{nothing}"
-        lines.append(f"best    {best.label}, seed {best.seed}: {found}")
-        lines.append(f"policy  {pasted(normpath(result.folder.run_of(best).policy))}")
+        nothing = "" if best.figures[metric(mode, "completion_rate")] else ", but it completes no mesh"
+        lines.append(
+            f"best    {best.label}, seed {best.seed}: {study.metric} {best.figures[study.metric]:.3f}{nothing}"
+        )
+        lines.append(f"policy  {pasted(normpath(best.folder.policy))}")
     lines.append(f"report  {pasted(result.folder.report / 'report.md')}")
     tracking = study.settings_of_all()["tracking"]
     if tracking["enabled"]:

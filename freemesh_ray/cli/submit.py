@@ -129,12 +129,13 @@ def checked(command: Sequence[str]) -> str:
         check_stages(settings)
         name = settings["name"]
     else:
+        from freemesh_ray.api.study import check
         from freemesh_ray.studies.definition import load
 
         if options.study is None:
             raise RunError("submit: study: give a study's name, or its YAML file")
         files, studied = [options.study], load(options.study, options.set, smoke=options.smoke)
-        study.check(studied)
+        check(studied)
         name = studied.name
     for file in files:
         if Path(file).is_absolute() or ".." in Path(file).parts:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from envs.errors import INTERRUPTED
 from freemesh_ray.cli.arguments import add_command, add_settings
 from freemesh_ray.formatting.terminal import say
-from freemesh_ray.training.stop_signal import StopSignal
 
 if TYPE_CHECKING:
-    from freemesh_ray.training.loop import Algorithm
     from freemesh_ray.training.run import Run
 
 EPILOG = """\
@@ -60,38 +57,12 @@ def run(options: argparse.Namespace) -> int:
         TrainingError: the training failed.
     """
     from freemesh_ray import config
-    from freemesh_ray.algorithms.device import check
+    from freemesh_ray.api.train import run as train
     from freemesh_ray.config.paths import Paths
-    from freemesh_ray.local_ray import local_ray
-    from freemesh_ray.training.job import prepare, train
     from freemesh_ray.training.progress_line import ProgressLine
 
     settings = Paths.from_environment().resolved(config.load(options.config, options.set))
-    check(settings["learner"])
-    prepare(settings, options.resume)
-    progress = ProgressLine(sys.stdout)
-    processes = settings["runners"]["count"] + settings["learner"]["count"]
-    with local_ray(processes, "--resume goes on from the last checkpoint") as session:
-        from freemesh_ray.algorithms.build import build
-
-        def make(config: Mapping[str, Any]) -> Algorithm:
-            algorithm = build(config)
-            algorithm.hurried = stop.is_urgent
-            return algorithm
-
-        try:
-            with StopSignal(lambda: session.end("interrupted", INTERRUPTED)) as stop:
-                result = train(
-                    settings,
-                    resume=options.resume,
-                    make=make,
-                    callbacks=[progress],
-                    interrupted=stop.was_given,
-                )
-        except KeyboardInterrupt:
-            if progress.lost is not None:
-                raise progress.lost from None
-            raise
+    result = train(settings, [ProgressLine()], options.resume, lambda session: session.end("interrupted", INTERRUPTED))
     say(train_table(result, settings))
     return 0
 

@@ -5,7 +5,7 @@ field (what a value may be) -> algorithms (what each has of its own) -> schema (
 """
 
 from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, Hyperparameter
-from freemesh_ray.config.document import document, dump, plain, read_plain, shipped
+from freemesh_ray.config.document import composed, document, dump, plain, read_plain, shipped
 from freemesh_ray.config.field import ConfigError, Field, check
 from freemesh_ray.config.layer import Layer, file_layer, set_layer, tree_layer, value_layer, values
 from freemesh_ray.config.schema import COUNT, SCHEMA, SHORTHANDS, register
@@ -23,6 +23,7 @@ __all__ = [
     "Layer",
     "Overlay",
     "check",
+    "composed",
     "document",
     "dump",
     "file_layer",

@@ -39,13 +39,16 @@ class Paths:
     store: str
 
     @classmethod
-    def from_environment(cls) -> Self:
+    def from_environment(cls, home: str = "") -> Self:
         """What ``FREEMESH_HOME`` and ``MLFLOW_TRACKING_URI`` say, else the defaults above.
+
+        Args:
+            home: in place of the default one.
 
         Raises:
             ConfigError: FREEMESH_HOME is a URL.
         """
-        given = os.environ.get(HOME) or ("~/freemesh" if JOB in os.environ else "")
+        given = os.environ.get(HOME) or home or ("~/freemesh" if JOB in os.environ else "")
         check(given or ".", FOLDER, HOME, "the home")
         return cls(Path(given).expanduser().absolute(), os.environ.get(STORE) or f"{SQLITE}mlflow.db")
 

@@ -117,7 +117,7 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 def local_ray(workers: int, fix: str = "start it again", *, supervised: bool = False) -> Iterator[Session]:
     """A Ray with room for ``workers`` processes, env runners and learners, beside the training's own.
 
-    An address in RAY_ADDRESS is used instead.
+    One that this process is connected to is used instead, and stays; else one whose address is in RAY_ADDRESS.
 
     Args:
         workers: as said.
@@ -138,7 +138,9 @@ def local_ray(workers: int, fix: str = "start it again", *, supervised: bool = F
     # Of actors that fail it tells all; who called them tells what matters.
     logging.getLogger("ray.rllib.utils.actor_manager").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
-        if os.environ.get("RAY_ADDRESS"):
+        if ray.is_initialized():
+            yield Session()
+        elif os.environ.get("RAY_ADDRESS"):
             stack.callback(ray.shutdown)
             with _own_handler_of_sigterm(), _without_its_greeting():
                 ray.init(logging_level=logging.ERROR, log_to_driver=False)

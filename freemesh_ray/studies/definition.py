@@ -144,18 +144,19 @@ class Study:
         }
 
 
-def load(source: str | Path, sets: Sequence[str] = (), *, smoke: bool = False) -> Study:
+def load(source: str | Path | Mapping[str, Any], sets: Sequence[str] = (), *, smoke: bool = False) -> Study:
     """Read a study.
 
     Args:
-        source: a file, or the name of a study that ships with the package.
+        source: a file, the name of a study that ships with the package, or what a file would hold: the study is then
+            named after its title.
         sets: ``key=value``, over the settings of all trials.
         smoke: the whole path in about a minute: the settings of ``study_smoke.yaml``, two seeds, six trials.
 
     Raises:
         ConfigError: what is wrong, with file, line and fix.
     """
-    name, root = config.document(source)
+    name, root = _written(source) if isinstance(source, Mapping) else config.document(source)
     parts = _pairs(root, 1, name, "the file")
     for key, (_, line) in parts.items():
         if key not in ("study", "settings"):
@@ -165,7 +166,19 @@ def load(source: str | Path, sets: Sequence[str] = (), *, smoke: bool = False) -
     layer, line = parts.get("settings", (None, 1))
     settings = [] if layer is None else config.tree_layer(layer, name, line)
     study = _study(Path(name).stem, name, *parts["study"], settings)
+    if isinstance(source, Mapping):
+        study = replace(study, name=re.sub(r"[^A-Za-z0-9]+", "-", study.title).strip("-").lower() or study.name)
     return _over(study, [config.set_layer(text) for text in sets], smoke)
+
+
+def _written(study: Mapping[str, Any]) -> tuple[str, yaml.Node]:
+    """A study from Python, as if it were a file; lines are those of its YAML."""
+    try:
+        root = config.composed(config.dump(study), "study")
+    except yaml.YAMLError as error:
+        raise ConfigError(f"study: holds what is no text, number, list or mapping ({error.args[-1]!r:.60})") from error
+    assert root is not None  # an empty mapping is written as one
+    return "study", root
 
 
 def shipped() -> list[str]:

@@ -1,10 +1,12 @@
-"""What a running study shows: every trial's state in ``trials.json``, and lines on the console."""
+"""What a running study shows: every trial's state in ``trials.json``, and lines of progress."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import time
+from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,6 @@ from ray.tune import Callback
 from ray.tune.experiment import Trial as TuneTrial
 
 from freemesh_ray.formatting.table import duration, number
-from freemesh_ray.formatting.terminal import say
 from freemesh_ray.policies.evaluation import COMPLETION, RETURN
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.studies.study_folder import OVER, StudyFolder, TrialRecord
@@ -20,6 +21,8 @@ from freemesh_ray.studies.trainable import FINISHED
 
 #: Seconds between two lines on how far the running trials are.
 INTERVAL = 15.0
+#: Takes the lines; not the callback's own, which is read again from what the study's first start wrote.
+note: ContextVar[Callable[[str], None]] = ContextVar("note", default=lambda line: None)
 
 
 class StudyProgress(Callback):
@@ -136,7 +139,7 @@ class StudyProgress(Callback):
 
     @staticmethod
     def _say(line: str) -> None:
-        say(line)
+        note.get()(line)
 
 
 def reason(trial: TuneTrial) -> str:

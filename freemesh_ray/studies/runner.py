@@ -8,9 +8,8 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -18,18 +17,17 @@ from typing import Any
 
 from ray import tune
 
-from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
 from freemesh_ray.config import flatten
-from freemesh_ray.policies.policy import Policy
-from freemesh_ray.storage.lock import held
-from freemesh_ray.studies import search
+from freemesh_ray.storage.lock import held, holder
+from freemesh_ray.studies import progress, search
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.studies.plan import Plan, SearchPlan, VariantPlan, variant_plan
-from freemesh_ray.studies.progress import StudyProgress
+from freemesh_ray.studies.result import StudyResult, TrialResult, best_trial
 from freemesh_ray.studies.study_folder import OVER, StudyError, StudyFolder, TrialRecord
-from freemesh_ray.studies.trainable import TrialTrainable, finished
+from freemesh_ray.studies.trainable import TrialTrainable, finished, resources
 from freemesh_ray.tracking import MLflowRun, share
 from freemesh_ray.tracking.provenance import source
+from freemesh_ray.training.callback import Callback
 from freemesh_ray.training.job import tags
 from freemesh_ray.training.loop import Algorithm
 
@@ -49,23 +47,6 @@ QUIET = {
     "TUNE_MAX_PENDING_TRIALS_PG": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
 }
-
-
-@dataclass(frozen=True)
-class StudyResult:
-    """What a study leaves.
-
-    Attributes:
-        folder: where it lies.
-        records: its trials.
-        best: the one with the best policy; None when none came to its end.
-        evaluation: of that policy, by metric.
-    """
-
-    folder: StudyFolder
-    records: list[TrialRecord]
-    best: TrialRecord | None
-    evaluation: Mapping[str, float]
 
 
 def planned(study: Study) -> tuple[StudyFolder, Plan, list[TrialRecord]]:
@@ -88,7 +69,9 @@ def run(
     *,
     resume: bool,
     make: Callable[[Mapping[str, Any]], Algorithm],
-    report: Callable[[Path], list[Path]] | None = None,
+    report: Callable[[Path], object] = lambda folder: None,
+    callbacks: Sequence[Callback] = (),
+    note: Callable[[str], None] = lambda line: None,
 ) -> StudyResult:
     """Run a study, or go on with it; Ray is up.
 
@@ -97,6 +80,8 @@ def run(
         resume: go on where it stopped: finished trials stay, running ones go on from their checkpoints.
         make: the algorithm's factory.
         report: writes the report into the study's folder; its files are tracked.
+        callbacks: of every trial's training, in its process.
+        note: called with lines of progress.
 
     Raises:
         StudyError: there is such a study, and ``resume`` is false, it is another, or it was begun from another source.
@@ -124,21 +109,28 @@ def run(
         records = merged(records, folder.read())
         parent.artifact(folder.definition)
         folder.write(records)
+        note(opening(study, folder, records))
         if isinstance(plan, VariantPlan):
             share_finished(study, folder.path, plan, records, tracking, parent.id)
         total = study.search.trials if study.search else len(records)
         if sum(record.status in ("finished", "stopped") for record in records) < total:
-            records = run_trials(study, folder, plan, records, total, make, parent.id)
+            with telling(note):
+                trainable = tune.with_parameters(
+                    TrialTrainable, make=make, callbacks=callbacks, plan=plan, study=study.name, parent=parent.id
+                )
+                records = run_trials(study, folder, plan, records, total, trainable)
             if isinstance(plan, VariantPlan):  # those that another study trained meanwhile
                 share_finished(study, folder.path, plan, records, tracking, parent.id)
         if sum(record.status in OVER for record in records) < total:
             raise KeyboardInterrupt
-        best, evaluation = best_trial(folder, records, study.metric)
-        if best is not None:
-            register_best(parent, study, folder, best, evaluation[study.metric])
-        for path in [folder.trials, *(report(folder.path) if report else [])]:
+        trials = [TrialResult.of(record, folder) for record in records]
+        result = StudyResult(folder, trials, best_trial(trials, study.metric))
+        if result.best is not None:
+            register_best(parent, study, result.best)
+        report(folder.path)
+        for path in [folder.trials, *result.report]:
             parent.artifact(path, "report" if path.parent == folder.report else None)
-    return StudyResult(folder, records, best, evaluation)
+    return result
 
 
 def merged(expected: list[TrialRecord], before: list[TrialRecord]) -> list[TrialRecord]:
@@ -187,20 +179,33 @@ def share_finished(
             )
 
 
+@contextmanager
+def telling(note: Callable[[str], None]) -> Iterator[None]:
+    """Ray Tune as part of a study: it is quiet, and its progress goes to ``note``."""
+    before = {name: os.environ.get(name) for name in QUIET}
+    token = progress.note.set(note)
+    os.environ.update(QUIET)
+    try:
+        yield
+    finally:
+        progress.note.reset(token)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
 def run_trials(
-    study: Study, folder: StudyFolder, plan: Plan, records: list[TrialRecord], total: int, make: Any, parent: str | None
+    study: Study, folder: StudyFolder, plan: Plan, records: list[TrialRecord], total: int, trainable: Any
 ) -> list[TrialRecord]:
     """Run the trials that are not over on Ray Tune.
 
     Returns:
         All trials as they are then.
     """
-    os.environ.update(QUIET)
     settings = study.settings_of_all()
-    trainable = tune.with_resources(
-        tune.with_parameters(TrialTrainable, plan=plan, make=make, study=study.name, parent=parent),
-        partial(resources, plan),
-    )
+    trainable = tune.with_resources(trainable, partial(resources_of, plan))
     pbt = study.search is not None and study.search.scheduler == "pbt"
     if tune.Tuner.can_restore(str(folder.tune)):
         tuner = tune.Tuner.restore(str(folder.tune), trainable, resume_unfinished=True, resume_errored=True)
@@ -221,7 +226,7 @@ def run_trials(
                 storage_path=str(folder.path),
                 failure_config=tune.FailureConfig(max_failures=study.retries),
                 checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=KEPT),
-                callbacks=[StudyProgress(folder.path, plan, total, settings["budget"]["env_steps"], pbt)],
+                callbacks=[progress.StudyProgress(folder.path, plan, total, settings["budget"]["env_steps"], pbt)],
                 verbose=0,
             ),
         )
@@ -235,6 +240,10 @@ def ended_by_signals() -> Iterator[None]:
     """Let Tune end the study in peace at the first SIGINT, SIGTERM or SIGHUP, for `PEACE_SECONDS` at most, or until the
     second: where trials are amid a step it would take a quarter of a minute.
     """
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are the main thread's
+        return
 
     def end(number: int, frame: FrameType | None) -> None:
         if timers:
@@ -258,17 +267,9 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def resources(plan: Plan, given: Mapping[str, Any]) -> tune.PlacementGroupFactory:
-    """What one trial takes: a core for the training, each env runner and each remote learner, and the learners' GPUs.
-
-    Raises:
-        ConfigError: the trial asks for more GPUs than there are.
-    """
-    config = plan.trial(given, "").config
-    learner, runner = config["learner"], {"CPU": 1.0}
-    learning = runner | ({"GPU": 1.0} if gpus_per_learner(learner["device"], learner["count"], cluster_gpus()) else {})
-    learners = [runner, *[learning] * learner["count"]] if learner["count"] else [learning]
-    return tune.PlacementGroupFactory([*learners, *[runner] * config["runners"]["count"]])
+def resources_of(plan: Plan, given: Mapping[str, Any]) -> tune.PlacementGroupFactory:
+    """What the trial of Tune's configuration takes."""
+    return resources(plan.trial(given, "").config)
 
 
 def parallel(settings: Mapping[str, Any]) -> int:
@@ -279,31 +280,35 @@ def parallel(settings: Mapping[str, Any]) -> int:
     return max(1, int(ray.cluster_resources().get("CPU", 1)) // processes)
 
 
-def best_trial(
-    folder: StudyFolder, records: list[TrialRecord], metric: str
-) -> tuple[TrialRecord | None, Mapping[str, float]]:
-    """The trial whose best policy has the highest metric, and that policy's evaluation; None without a policy."""
-    found = [
-        (record, Policy.load(folder.run_of(record).policy).about["scores"])
-        for record in records
-        if record.status in ("finished", "stopped") and folder.run_of(record).policy.is_file()
-    ]
-    return max(found, key=lambda pair: float(pair[1][metric]), default=(None, {}))
-
-
-def register_best(parent: MLflowRun, study: Study, folder: StudyFolder, best: TrialRecord, score: float) -> None:
+def register_best(parent: MLflowRun, study: Study, best: TrialResult) -> None:
     """Make the best policy a version of the study's registered model, under the alias `best`."""
-    policy = folder.run_of(best).policy
-    about = Policy.load(policy).about
+    assert best.policy is not None
     parent.model(
-        policy,
+        best.folder.policy,
         name=f"freemesh-{study.name}",
         alias="best",
         tags={
             "study": study.name,
             "variant": best.label,
-            "algorithm": about["config"]["algorithm"],
+            "algorithm": best.policy.about["config"]["algorithm"],
             "seed": str(best.seed),
-            study.metric: f"{score:.6g}",
+            study.metric: f"{float(best.figures[study.metric]):.6g}",
         },
     )
+
+
+def opening(study: Study, folder: StudyFolder, records: list[TrialRecord]) -> str:
+    """What is about to happen, in lines."""
+    settings = study.settings_of_all()
+    found = sum(record.status == "finished" for record in records)
+    count = study.search.trials if study.search else len(records)
+    steps = settings["budget"]["env_steps"]
+    known = f", {found} of them trained before" if found else ""
+    lines = [
+        study.title,
+        f"{count} trials of {steps:,} env steps{known}, {parallel(settings)} at a time -> {folder.path}",
+    ]
+    for record in records:
+        if record.status != "finished" and (by := holder(folder.run_of(record).path)):
+            lines.append(f"{record.label}-{record.seed} is waited for: {by}")
+    return "\n".join(lines)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import logging
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from ray import tune
 
+from freemesh_ray.algorithms.build import build
+from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import read_json
@@ -20,6 +23,7 @@ from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
+from freemesh_ray.training.callback import Callback, Callbacks
 from freemesh_ray.training.job import conclude, tags
 from freemesh_ray.training.loop import Algorithm, Training
 from freemesh_ray.training.run_folder import RunFolder
@@ -37,41 +41,41 @@ def finished(folder: RunFolder) -> dict[str, Any] | None:
     return figures if isinstance(figures, dict) else None
 
 
-class TrialTrainable(tune.Trainable):
+class TrainingTrainable(tune.Trainable):
     """A training whose step is the way to its next evaluation."""
 
     def setup(
         self,
         config: Mapping[str, Any],
-        plan: Plan | None = None,
-        make: Callable[[Mapping[str, Any]], Algorithm] | None = None,
-        study: str = "",
-        parent: str | None = None,
+        make: Callable[[Mapping[str, Any]], Algorithm] = build,
+        callbacks: Sequence[Callback] = (),
     ) -> None:
         """Begin a trial.
 
         Args:
             config: as Tune gives it.
-            plan: from that to the trial.
             make: the algorithm's factory.
-            study: its name, for the tracking store.
-            parent: id of the study's run in the tracking store.
+            callbacks: every trial has copies of its own.
         """
-        assert plan is not None, "Tune gives it"
-        assert make is not None
         _quiet()
-        self._about = (plan, make, study, parent)
-        self._begin(plan.trial(config, self.trial_id))
+        self._make, self._callbacks = make, callbacks
+        self._begin(self.trial(config))
+
+    def trial(self, given: Mapping[str, Any]) -> Trial:
+        """The trial of Tune's configuration."""
+        raise NotImplementedError
+
+    def family(self, trial: Trial) -> tuple[str | None, dict[str, str]]:
+        """The id of the parent's run in the tracking store, and what trials of one parent are told apart by."""
+        raise NotImplementedError
 
     def reset_config(self, new_config: Mapping[str, Any]) -> bool:
         """Begin another trial in this process: what is imported and compiled stays."""
         self._end()
-        plan = self._about[0]
-        self._begin(plan.trial(new_config, self.trial_id))
+        self._begin(self.trial(new_config))
         return True
 
     def _begin(self, trial: Trial) -> None:
-        _, make, study, parent = self._about
         self.lock = ExitStack()
         self._training: Training | None = None
         self._run: MLflowRun | None = None
@@ -83,20 +87,22 @@ class TrialTrainable(tune.Trainable):
             self.lock.close()
             return
         tracking = trial.config["tracking"]
+        parent, told_apart = self.family(trial)
         self._run = MLflowRun(
             trial.folder.path,
             uri=tracking["uri"],
             experiment=tracking["experiment"],
             name=trial.name,
             params=flatten(trial.config),
-            tags={**tags(trial.config), "study": study, "variant": trial.label},
+            tags={**tags(trial.config), **told_apart},
             parent=parent,
             resume=True,
             folders=[*trial.config["paths"].values()],
             enabled=tracking["enabled"],
         )
-        algorithm = make(trial.config)
-        self._training = Training(algorithm, trial.config, trial.folder, self._run)
+        callbacks = Callbacks(copy.deepcopy(self._callbacks))
+        self._training = Training(self._make(trial.config), trial.config, trial.folder, self._run, callbacks)
+        self._started = False
         with replacing(trial.folder.config) as draft:
             draft.write_text(dump(trial.config), encoding="utf-8")
         self._run.artifact(trial.folder.config)
@@ -112,11 +118,16 @@ class TrialTrainable(tune.Trainable):
         if training.progress.env_steps == 0:  # not one that goes on from a checkpoint
             training.folder.forget_after(-1)
         try:
-            figures: dict[str, Any] = training.to_next_evaluation()
+            training.callbacks.check()  # only now: with the last figures came a checkpoint
+            if not self._started:
+                training.start()
+            self._started = True
+            figures: dict[str, Any] = training.to_next_evaluation() or training.folder.read_evaluations()[-1]
             # Population based training changes settings on the way, which parameters cannot tell.
             self._run.metrics(self._drawn, step=training.progress.env_steps)
             figures |= {key: getattr(training.progress, key) for key in ("env_steps", "updates", "seconds")}
             if training.done():
+                training.callbacks.check()
                 conclude(training)
                 with replacing(training.folder.path / FINISHED) as draft:
                     draft.write_text(json.dumps(figures), encoding="utf-8")
@@ -131,6 +142,7 @@ class TrialTrainable(tune.Trainable):
         """Algorithm, replay buffer and progress."""
         if self._training is not None:
             checkpoint.write(self._training.algorithm, vars(self._training.progress).copy(), Path(checkpoint_dir))
+            self._training.callbacks.tell("on_checkpoint", Path(checkpoint_dir))
         else:
             (Path(checkpoint_dir) / FINISHED).touch()
         return checkpoint_dir
@@ -139,6 +151,7 @@ class TrialTrainable(tune.Trainable):
         """Go on from what `save_checkpoint` wrote, of this trial or of another."""
         if self._training is not None and (Path(checkpoint_dir) / checkpoint.PROGRESS).is_file():
             self._training.restore(Path(checkpoint_dir))
+            self._started = False
 
     def cleanup(self) -> None:
         """End what the trial started."""
@@ -151,6 +164,51 @@ class TrialTrainable(tune.Trainable):
             self._run.close()
         self._training = self._run = None
         self.lock.close()
+
+
+class TrialTrainable(TrainingTrainable):
+    """A trial of a study."""
+
+    def setup(
+        self,
+        config: Mapping[str, Any],
+        make: Callable[[Mapping[str, Any]], Algorithm] = build,
+        callbacks: Sequence[Callback] = (),
+        plan: Plan | None = None,
+        study: str = "",
+        parent: str | None = None,
+    ) -> None:
+        """Begin a trial.
+
+        Args:
+            config, make, callbacks: see `TrainingTrainable`.
+            plan: from the configuration to the trial.
+            study: its name, for the tracking store.
+            parent: id of the study's run there.
+        """
+        assert plan is not None, "Tune gives it"
+        self._plan, self._study, self._parent = plan, study, parent
+        super().setup(config, make, callbacks)
+
+    def trial(self, given: Mapping[str, Any]) -> Trial:
+        """The plan's."""
+        return self._plan.trial(given, self.trial_id)
+
+    def family(self, trial: Trial) -> tuple[str | None, dict[str, str]]:
+        """The study and its variant."""
+        return self._parent, {"study": self._study, "variant": trial.label}
+
+
+def resources(config: Mapping[str, Any]) -> tune.PlacementGroupFactory:
+    """What one trial takes: a core for the training, each env runner and each remote learner, and the learners' GPUs.
+
+    Raises:
+        ConfigError: the trial asks for more GPUs than there are.
+    """
+    learner, runner = config["learner"], {"CPU": 1.0}
+    learning = runner | ({"GPU": 1.0} if gpus_per_learner(learner["device"], learner["count"], cluster_gpus()) else {})
+    learners = [runner, *[learning] * learner["count"]] if learner["count"] else [learning]
+    return tune.PlacementGroupFactory([*learners, *[runner] * config["runners"]["count"]])
 
 
 def _quiet() -> None:

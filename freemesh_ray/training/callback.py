@@ -49,7 +49,7 @@ class Callbacks:
 
     Attributes:
         stopped: one raised `StopTraining`.
-        interrupted: Ctrl-C came in one.
+        interruption: Ctrl-C came in one, or what ends a command as that does; nothing is told after that.
         error: what else one raised; nothing is told after that.
     """
 
@@ -63,20 +63,21 @@ class Callbacks:
             if not isinstance(callback, Callback):
                 raise PluginError(f"callbacks: {callback!r:.60} is none: derive its class from freemesh_ray.Callback")
         self._callbacks = tuple(callbacks)
-        self.stopped = self.interrupted = False
+        self.stopped = False
+        self.interruption: KeyboardInterrupt | None = None
         self.error: PluginError | None = None
 
     def tell(self, hook: str, *what: Any) -> None:
         """Call method ``hook`` of each."""
         for callback in self._callbacks:
-            if self.error is not None or self.interrupted:
+            if self.error is not None or self.interruption is not None:
                 return
             try:
                 getattr(callback, hook)(*what)
             except StopTraining:
                 self.stopped = True
-            except KeyboardInterrupt:
-                self.interrupted = True
+            except KeyboardInterrupt as interruption:
+                self.interruption = interruption
             except (Exception, SystemExit) as error:
                 brief = (str(error).strip().splitlines() or ["no message"])[0][:200]
                 self.error = PluginError(

@@ -264,10 +264,10 @@ class Training:
             with suppress(OutputError):
                 self.save()
         self.callbacks.check()
-        if self.interrupted() or self.callbacks.interrupted:
+        if self.interrupted() or self.callbacks.interruption is not None:
             path = self.save()
             self._note(f"interrupted at {self.progress.env_steps:,} steps; saved {path}: --resume goes on from it")
-            raise KeyboardInterrupt
+            raise self.callbacks.interruption or KeyboardInterrupt
 
     def to_next_evaluation(self) -> dict[str, float]:
         """Train until the next evaluation is due or the budget is spent, and evaluate.

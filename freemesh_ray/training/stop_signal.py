@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from types import FrameType, TracebackType
-from typing import Self
+from typing import Any, Self
 
 #: Seconds after a signal until the work is to stop at the next place where it can be gone on from, and until the
 #: process ends whatever it does: schedulers kill it after ten.
@@ -32,6 +32,9 @@ class StopSignal:
         self._timer: threading.Timer | None = None
 
     def __enter__(self) -> Self:
+        self._before: dict[int, Any] = {}
+        if threading.current_thread() is not threading.main_thread():
+            return self  # signals are the main thread's
         numbers = [signal.SIGINT, signal.SIGTERM]
         if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as `nohup` leaves it
             numbers.append(signal.SIGHUP)

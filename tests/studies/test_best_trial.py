@@ -11,31 +11,34 @@ from freemesh_ray.cli.study import _closing
 from freemesh_ray.policies.evaluation import COMPLETION, SCORE
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.studies.definition import load
-from freemesh_ray.studies.runner import StudyResult, best_trial
+from freemesh_ray.studies.result import StudyResult, TrialResult, best_trial
 from freemesh_ray.studies.study_folder import StudyFolder, TrialRecord
 
 
-def trial(folder: Path, seed: int, score: float, status: str = "finished") -> TrialRecord:
+def trial(folder: Path, seed: int, score: float, status: str = "finished") -> TrialResult:
     """A trial on disk whose best policy has this score."""
     (folder / f"run-{seed}").mkdir()
     about = {"scores": {SCORE: score, COMPLETION: float(score > 0)}}
     Policy(policy(seed).layers, policy(seed).parameters, about).save(folder / f"run-{seed}" / "policy.npz")
-    return TrialRecord("A", seed, f"run-{seed}", status)
+    return result(folder, seed, status)
+
+
+def result(folder: Path, seed: int, status: str = "finished") -> TrialResult:
+    return TrialResult.of(TrialRecord("A", seed, f"run-{seed}", status), StudyFolder(folder))
 
 
 def test_the_best_trial_has_the_highest_metric_of_those_that_are_over(tmp_path: Path) -> None:
-    records = [trial(tmp_path, 1, 0.2), trial(tmp_path, 2, 0.5), trial(tmp_path, 3, 0.4, "stopped")]
-    records += [trial(tmp_path, 4, 0.9, "failed"), TrialRecord("A", 5, "run-5", "finished")]
-    best, evaluation = best_trial(StudyFolder(tmp_path), records, SCORE)
-    assert best is records[1]
-    assert evaluation[SCORE] == 0.5
-    assert best_trial(StudyFolder(tmp_path), records[3:], SCORE) == (None, {})
+    trials = [trial(tmp_path, 1, 0.2), trial(tmp_path, 2, 0.5), trial(tmp_path, 3, 0.4, "stopped")]
+    trials += [trial(tmp_path, 4, 0.9, "failed"), result(tmp_path, 5)]
+    best = best_trial(trials, SCORE)
+    assert best is trials[1]
+    assert best.figures[SCORE] == 0.5
+    assert best_trial(trials[3:], SCORE) is None
 
 
 @pytest.mark.parametrize("score", [0.0, 0.3])
 def test_a_best_policy_that_completes_nothing_is_said_to(tmp_path: Path, score: float) -> None:
-    records = [trial(tmp_path, 1, score)]
-    best, evaluation = best_trial(StudyFolder(tmp_path), records, SCORE)
-    told = _closing(StudyResult(StudyFolder(tmp_path), records, best, evaluation), load("density"))
+    only = trial(tmp_path, 1, score)
+    told = _closing(StudyResult(StudyFolder(tmp_path), [only], best_trial([only], SCORE)), load("density"))
     assert f"best    A, seed 1: {SCORE} {score:.3f}" in told
     assert ("completes no mesh" in told) == (score == 0.0)

@@ -1,29 +1,30 @@
-"""A training whose output nobody takes any more is told so between two iterations, and not in the middle of one."""
+"""The progress line as a callback: output that nobody takes any more interrupts a training between two iterations."""
 
 from __future__ import annotations
 
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from test_training import Fake, run
 
 from envs.errors import FAILED
-from freemesh_ray.formatting.terminal import PIPE_CLOSED
+from freemesh_ray.formatting.terminal import PIPE_CLOSED, OutputLostError
+from freemesh_ray.training import checkpoint
 from freemesh_ray.training.progress_line import ProgressLine
 
 
 @pytest.mark.parametrize(("device", "code"), [("pipe", PIPE_CLOSED), ("/dev/full", FAILED)])
-def test_lost_output_is_remembered_and_raises_nothing(device: str, code: int) -> None:
+def test_lost_output_interrupts_with_a_checkpoint(device: str, code: int, settings: dict[str, Any]) -> None:
     reader, writer = os.pipe() if device == "pipe" else (os.open(os.devnull, os.O_RDONLY), os.open(device, os.O_WRONLY))
     os.close(reader)
-    with open(writer, "w") as stream:
-        line = ProgressLine(stream)
-        assert line.lost is None
-        for _ in range(3):
-            line.on_note("interrupted: \x1b[2J")
-        assert line.lost is not None
-        assert line.lost.exit_code == code
+    with open(writer, "w") as stream, pytest.raises(OutputLostError) as lost:
+        run(settings, Fake(), callbacks=[ProgressLine(stream)])
+    assert lost.value.exit_code == code
+    (saved,) = checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints")
+    assert saved.name == "step_000000100"
 
 
 def test_notes_hold_no_commands_to_the_terminal(tmp_path: Path) -> None:

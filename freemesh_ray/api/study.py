@@ -1,0 +1,72 @@
+"""A study from Python: ``freemesh_ray.study("mine.yaml")``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from freemesh_ray.local_ray import environment, local_ray
+
+if TYPE_CHECKING:
+    from freemesh_ray.studies.definition import Study
+    from freemesh_ray.studies.result import StudyResult
+    from freemesh_ray.training.callback import Callback
+
+
+def study(
+    source: str | Path | Mapping[str, Any],
+    *,
+    callbacks: Sequence[Callback] = (),
+    resume: bool = False,
+    note: Callable[[str], None] = lambda line: None,
+) -> StudyResult:
+    """Run a study of many trainings on Ray Tune, track it and report on it, as ``freemesh study`` does.
+
+    Ctrl-C stops it. A Ray that is up is used, and stays; else one is started, and ended.
+
+    Args:
+        source: a YAML file, the name of a study that ships with the package, or a mapping with the file's parts
+            ``study`` and ``settings``, whose folder is then named after its title.
+        callbacks: of every trial's training; each trial has copies in a process of its own.
+        resume: go on where it stopped, if it was begun.
+        note: called with lines of progress, as ``print``.
+
+    Raises:
+        ConfigError, DomainError, StudyError, InUseError: what is wrong with the input.
+        KeyboardInterrupt: Ctrl-C; ``resume`` goes on.
+    """
+    environment()
+    from freemesh_ray.studies.definition import load
+
+    return run(load(source), callbacks, resume, note)
+
+
+def run(study: Study, callbacks: Sequence[Callback], resume: bool, note: Callable[[str], None]) -> StudyResult:
+    """`study` of one that was read."""
+    check(study)
+    settings = study.settings_of_all()
+    processes = settings["runners"]["count"] + settings["learner"]["count"]
+    with local_ray(processes, "--resume goes on from the last checkpoints"):
+        from freemesh_ray.algorithms.build import build
+        from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
+        from freemesh_ray.report.report import write
+        from freemesh_ray.studies import runner
+
+        gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())
+        return runner.run(study, resume=resume, make=build, report=write, callbacks=callbacks, note=note)
+
+
+def check(study: Study) -> None:
+    """Refuse domains that cannot be trained on or meshed, before anything is started.
+
+    Raises:
+        DomainError: as said.
+    """
+    from envs.domains.load import load as load_domain
+    from freemesh_ray.training.job import check_stages
+
+    for domain in study.domains:
+        load_domain(domain)
+    for config in [study.trial_config(label, 0) for label in study.variants] or [study.settings_of_all()]:
+        check_stages(config)
