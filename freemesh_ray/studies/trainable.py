@@ -14,6 +14,7 @@ from typing import Any
 
 from ray import tune
 
+from envs.errors import UserError
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
 from freemesh_ray.config import dump, flatten
@@ -59,7 +60,7 @@ class TrainingTrainable(tune.Trainable):
         """
         _quiet()
         self._make, self._callbacks = make, callbacks
-        self._begin(self.trial(config))
+        self._try_to_begin(config)
 
     def trial(self, given: Mapping[str, Any]) -> Trial:
         """The trial of Tune's configuration."""
@@ -72,13 +73,21 @@ class TrainingTrainable(tune.Trainable):
     def reset_config(self, new_config: Mapping[str, Any]) -> bool:
         """Begin another trial in this process: what is imported and compiled stays."""
         self._end()
-        self._begin(self.trial(new_config))
+        self._try_to_begin(new_config)
         return True
 
-    def _begin(self, trial: Trial) -> None:
+    def _try_to_begin(self, config: Mapping[str, Any]) -> None:
+        """Begin a trial, or keep for its first step why it cannot: who dies in `setup` leaves pages to read."""
         self.lock = ExitStack()
         self._training: Training | None = None
         self._run: MLflowRun | None = None
+        self._refused: UserError | None = None
+        try:
+            self._begin(self.trial(config))
+        except UserError as error:
+            self._refused = error
+
+    def _begin(self, trial: Trial) -> None:
         trial.folder.path.mkdir(parents=True, exist_ok=True)
         # Another study may train the same: wait for its figures, or for the folder.
         self.lock.enter_context(held(trial.folder.path, "wait", patience=math.inf))
@@ -110,6 +119,10 @@ class TrainingTrainable(tune.Trainable):
 
     def step(self) -> dict[str, Any]:
         """Train to the next evaluation; at the budget's end leave what `train` leaves."""
+        if self._refused is not None:
+            if self._run is not None:
+                self._run.close("FAILED")
+            raise self._refused.with_traceback(None) from None
         if self._training is None:
             assert self._figures is not None
             return {**self._figures, "done": True}

@@ -231,12 +231,12 @@ class Training:
                     self.evaluate()
             except Cut:
                 self._catch_up()
-            self.leave_if_told()
             if progress.env_steps - max(0, self._tried_at) >= self.config["checkpoint"]["interval"]:
                 try:
                     self.save()
                 except OutputError as error:
                     self._note(f"{error}; training goes on, the next is tried later")
+            self.leave_if_told()
         if progress.evaluated_at < progress.env_steps or progress.best is None:
             with suppress(Cut):
                 self.evaluate()
