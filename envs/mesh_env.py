@@ -54,9 +54,11 @@ def parameters_of(options: Mapping[str, Any], base: MeshingParameters | None = N
     return replace(base or MeshingParameters(), **numbers)
 
 
-def spaces_of(parameters: MeshingParameters) -> tuple[spaces.Box, spaces.Box]:
-    """Observation and action space of one environment."""
-    low, high = bounds(parameters)
+def spaces_of(
+    parameters: MeshingParameters, observed: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[spaces.Box, spaces.Box]:
+    """Observation and action space of one environment; ``observed`` is the range of observations of a user's own."""
+    low, high = observed or bounds(parameters)
     return (
         spaces.Box(low, high, dtype=np.float32),
         spaces.Box(-1.0, 1.0, (parameters.action_size,), dtype=np.float32),
@@ -109,7 +111,10 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
             them to draw from at each reset.
         render_mode: ``"rgb_array"`` or None.
         parameters: the numbers of the MDP, by default the paper's.
-        options: what differs from them, see `parameters_of`.
+        reward: a function of an ``envs.mdp.plug_ins.Step`` in place of the paper's reward, or ``package.module:Name``.
+        observe: a class of observations in place of the paper's, likewise: made with the parameters it has ``low`` and
+            ``high``, (size,) each, and is called with an ``envs.mdp.plug_ins.View``.
+        options: what differs from the parameters, see `parameters_of`.
 
     Observation, action, reward and the end of an episode: see the files of ``envs.mdp``.
 
@@ -126,15 +131,17 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
         domain: DomainSpec = "T1",
         render_mode: str | None = None,
         parameters: MeshingParameters | None = None,
+        reward: Any = None,
+        observe: Any = None,
         **options: Any,
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: use 'rgb_array' or None")
         self.render_mode = render_mode
         self.parameters = parameters_of(options, parameters)
-        self.episodes = Episodes(domains_of(domain), self.parameters, batch=1)
+        self.episodes = Episodes(domains_of(domain), self.parameters, 1, reward=reward, observe=observe)
         self.task = Task(self.episodes.domains)
-        self.observation_space, self.action_space = spaces_of(self.parameters)
+        self.observation_space, self.action_space = spaces_of(self.parameters, self.episodes.bounds)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

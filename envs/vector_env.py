@@ -28,7 +28,7 @@ class MeshVectorEnv(VectorEnv):
 
     Args:
         num_envs: B >= 1.
-        domain, render_mode, parameters, options: see MeshEnv.
+        domain, render_mode, parameters, reward, observe, options: see MeshEnv.
     """
 
     metadata = {  # noqa: RUF012  (gymnasium's own convention)
@@ -43,6 +43,8 @@ class MeshVectorEnv(VectorEnv):
         domain: DomainSpec = "T1",
         render_mode: str | None = None,
         parameters: MeshingParameters | None = None,
+        reward: Any = None,
+        observe: Any = None,
         **options: Any,
     ) -> None:
         if num_envs < 1:
@@ -52,9 +54,9 @@ class MeshVectorEnv(VectorEnv):
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.parameters = parameters_of(options, parameters)
-        self.episodes = Episodes(domains_of(domain), self.parameters, batch=num_envs)
+        self.episodes = Episodes(domains_of(domain), self.parameters, num_envs, reward=reward, observe=observe)
         self.task = Task(self.episodes.domains)
-        self.single_observation_space, self.single_action_space = spaces_of(self.parameters)
+        self.single_observation_space, self.single_action_space = spaces_of(self.parameters, self.episodes.bounds)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, dtype=np.bool_)

@@ -11,6 +11,8 @@ import numpy as np
 
 from envs.domains import random_domain, random_part
 from envs.domains.random_domain import RandomDomains
+from envs.domains.user_domains import UserDomains
+from envs.plug_in import is_spec
 from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings
 from envs.readers.formats import BY_SUFFIX
 from envs.readers.python_objects import polygons_of
@@ -19,6 +21,8 @@ from envs.types import Domain, DomainError, Floats
 
 __all__ = [
     "RandomDomains",
+    "Source",
+    "UserDomains",
     "catalogue",
     "from_object",
     "from_polygon",
@@ -29,6 +33,9 @@ __all__ = [
     "source",
 ]
 
+#: What episodes can be on.
+Source = Domain | RandomDomains | UserDomains
+
 #: Where the catalogue's data and drawings lie.
 CATALOGUE = Path(__file__).parent / "catalogue"
 
@@ -38,8 +45,12 @@ def catalogue() -> list[str]:
     return sorted((path.stem for path in CATALOGUE.glob("*.json")), key=lambda name: (name[0], len(name), name))
 
 
-def source(spec: str) -> Domain | RandomDomains:
-    """What episodes can be on: ``random`` is the endless supply, anything else a domain as :func:`load` finds it."""
+def source(spec: str) -> Source:
+    """What episodes can be on: ``random`` is the endless supply, ``package.module:Name`` one of a user's (unless a file
+    is called so), anything else a domain as :func:`load` finds it.
+    """
+    if is_spec(spec) and not os.path.isfile(spec):
+        return UserDomains(spec)
     return RandomDomains() if spec.lower() == RandomDomains.name else load(spec)
 
 

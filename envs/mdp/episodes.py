@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from envs.mdp import front as fr
-from envs.mdp import transition
+from envs.mdp import plug_ins, transition
+from envs.mdp.action import REJECTIONS
+from envs.mdp.observation import bounds
 from envs.mesh import Mesh
 from envs.types import Domain, DomainSupply, Floats, MeshingParameters
 
@@ -22,9 +24,30 @@ class Episodes:
         parameters: the MDP's numbers.
         domain_of: (B,) int64, index into ``domains`` of each episode.
         out: the last outcome (arrays that the next step overwrites).
+        bounds: the lowest and highest value of every entry of an observation, (size,) float32 each.
     """
 
-    def __init__(self, domains: Sequence[Domain | DomainSupply], parameters: MeshingParameters, batch: int) -> None:
+    def __init__(
+        self,
+        domains: Sequence[Domain | DomainSupply],
+        parameters: MeshingParameters,
+        batch: int,
+        *,
+        reward: Any = None,
+        observe: Any = None,
+    ) -> None:
+        """Make room for them.
+
+        Args:
+            domains: what an episode can be on.
+            parameters: the MDP's numbers.
+            batch: B.
+            reward: a function of a `plug_ins.Step` in place of the paper's reward, or its name.
+            observe: a class of observations of a `plug_ins.View` in place of the paper's, or its name.
+
+        Raises:
+            PluginError: one of the two cannot be had.
+        """
         if not domains:
             raise ValueError("no domain to mesh: give at least one")
         fixed = [domain for domain in domains if isinstance(domain, Domain)]
@@ -56,7 +79,13 @@ class Episodes:
                 self._prepare(k, entry)
         self._fronts = fr.allocate(batch, self._slots, room, elements)
         self._numbers = transition.numbers(parameters)
-        self.out = transition.outcome(batch, parameters)
+        self._outcome = self.out = transition.outcome(batch, parameters)
+        self._reward = None if reward is None else plug_ins.reward(reward)
+        self._observer = None if observe is None else plug_ins.Observer(observe, parameters)
+        self.bounds = bounds(parameters)
+        if self._observer is not None:
+            self.bounds = self._observer.low, self._observer.high
+            self.out = self._outcome._replace(observation=np.zeros((batch, len(self._observer.low)), dtype=np.float32))
         self.domain_of = np.zeros(batch, dtype=np.int64)
         self._row_of = np.zeros(batch, dtype=np.int64)
         self._nobody = np.zeros(batch, dtype=np.bool_)
@@ -88,7 +117,9 @@ class Episodes:
             self._prepare(row, drawn)
         self.domain_of[i], self._row_of[i] = domain, row
         self.out.terminated[i] = self.out.truncated[i] = False
-        transition.start(self._fronts, self._templates, i, row, self._numbers, self.out)
+        transition.start(self._fronts, self._templates, i, row, self._numbers, self._outcome)
+        if self._observer is not None:
+            self._observer.observe(self._view(i), self.out.observation[i])
 
     def step(self, actions: np.ndarray, skip: np.ndarray | None = None) -> transition.Outcome:
         """Take one action in each episode.
@@ -102,6 +133,7 @@ class Episodes:
 
         Raises:
             ValueError: an action has the wrong shape or is not finite, or an episode is over and was not begun anew.
+            PluginError: a reward or an observation of a user's failed.
         """
         actions = np.asarray(actions, dtype=np.float64)
         shape = (len(self), self.parameters.action_size)
@@ -114,8 +146,50 @@ class Episodes:
         over = (self.out.terminated | self.out.truncated) & ~nobody
         if over.any():
             raise ValueError(f"episode {int(np.flatnonzero(over)[0])} is over: begin it anew before the next step")
-        transition.step_batch(self._fronts, clipped, nobody, self._numbers, self._caps[self._row_of], self.out)
+        caps = self._caps[self._row_of]
+        if self._reward is None and self._observer is None:
+            transition.step_batch(self._fronts, clipped, nobody, self._numbers, caps, self.out)
+            return self.out
+        returns, counts = self._fronts.measure[:, fr.RETURN].copy(), self._fronts.counts[:, fr.ELEMENTS].copy()
+        transition.step_batch(self._fronts, clipped, nobody, self._numbers, caps, self._outcome)
+        for i in np.flatnonzero(~nobody).tolist():
+            if self._reward is not None:
+                self.out.reward[i] = self._reward.number(self._step_of(i, int(counts[i])))
+                self._fronts.measure[i, fr.RETURN] = returns[i] + self.out.reward[i]
+            if self._observer is not None and not self.out.terminated[i]:
+                self._observer.observe(self._view(i), self.out.observation[i])
         return self.out
+
+    def _step_of(self, i: int, before: int) -> plug_ins.Step:
+        """The last step of episode ``i``, which had ``before`` elements."""
+        out, front, count = self.out, self.front(i), self.elements(i)
+        eta_e, eta_b, mu, nu = out.terms[i].tolist()
+        return plug_ins.Step(
+            reward=float(out.reward[i]),
+            eta_e=eta_e,
+            eta_b=eta_b,
+            mu=mu,
+            nu=nu,
+            rejection=REJECTIONS[out.rejection[i]],
+            elements=front.points[front.quads[before:count]],
+            area=self._area_left(i),
+            cut=count,
+            completed=bool(out.terminated[i]),
+            truncated=bool(out.truncated[i]),
+            domain=self.domain(i),
+        )
+
+    def _view(self, i: int) -> plug_ins.View:
+        """The front of episode ``i``."""
+        paper = self._outcome.observation[i].copy()
+        return plug_ins.View(paper, self.ring(i), self._area_left(i), self.elements(i), self.domain(i))
+
+    def _area_left(self, i: int) -> float:
+        """Share of its domain's area that episode ``i`` has not meshed, [0, 1]."""
+        front = self.front(i)
+        if front.counts[fr.RING] == 0:
+            return 0.0
+        return float(np.clip(front.measure[fr.AREA] / front.measure[fr.AREA_0], 0.0, 1.0))
 
     def front(self, i: int) -> fr.Front:
         """The working memory of episode ``i`` (views)."""
@@ -196,4 +270,5 @@ class Episodes:
 
     def _arrays(self) -> dict[str, np.ndarray]:
         names = [*fr.Front._fields, *transition.Outcome._fields, "domain_of", "row_of"]
-        return dict(zip(names, (*self._fronts, *self.out, self.domain_of, self._row_of), strict=True))
+        arrays = dict(zip(names, (*self._fronts, *self.out, self.domain_of, self._row_of), strict=True))
+        return arrays if self._observer is None else arrays | {"paper_observation": self._outcome.observation}

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Mapping
 from typing import Any
 
 from envs.domains.load import source
+from envs.plug_in import subclass
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner
 from freemesh_ray.algorithms.environment import register
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
-from freemesh_ray.config import ALGORITHMS, meshing_parameters
+from freemesh_ray.config import ALGORITHMS, algorithm_name, meshing_parameters, plug_ins
 
 Config = Mapping[str, Any]
 
 
 def config_class(name: str) -> type[MeshConfig]:
-    """The RLlib configuration of an algorithm of `ALGORITHMS`."""
-    found: type[MeshConfig] = pkgutil.resolve_name(ALGORITHMS[name].config)
+    """The RLlib configuration of an algorithm of `ALGORITHMS`, or of a plug-in.
+
+    Raises:
+        PluginError: a plug-in's is none.
+    """
+    found: type[MeshConfig] = subclass(
+        ALGORITHMS[algorithm_name(name)].config, "algorithm", MeshConfig, "a class of MeshConfig"
+    ).value
     return found
 
 
@@ -27,13 +33,21 @@ def configured(config: Config) -> MeshConfig:
 
     Raises:
         ConfigError: a GPU is asked for that there is not.
+        PluginError: a plug-in cannot be had.
     """
     learner, runners, curriculum = config["learner"], config["runners"], config["curriculum"]
     domains = [source(stage) for stage in curriculum["stages"]]
     return (
         config_class(config["algorithm"])()
         .configure(config)
-        .environment(register(), env_config={"domain": domains, "parameters": meshing_parameters(config)})
+        .environment(
+            register(),
+            env_config={
+                "domain": domains,
+                "parameters": meshing_parameters(config),
+                "plug_ins": plug_ins(config),
+            },
+        )
         .env_runners(num_env_runners=runners["count"], num_envs_per_env_runner=runners["envs_per_runner"])
         .learners(
             num_learners=learner["count"],
@@ -44,6 +58,7 @@ def configured(config: Config) -> MeshConfig:
             gamma=learner["gamma"],
             hidden=learner["hidden"],
             runner_timeout=runners["timeout"],
+            evaluation_metrics=tuple(config["evaluation"]["metrics"]),
             curriculum=Curriculum(**{**curriculum, "stages": tuple(domain.name for domain in domains)}),
         )
         # When to evaluate is the training loop's to decide: see training.Training.

@@ -13,6 +13,7 @@ import torch
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
+from envs.errors import PluginError
 from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.n_step import NStepReturns
 from freemesh_ray.algorithms.replay_buffer import Transitions, concatenate
@@ -68,14 +69,18 @@ class Failure(NamedTuple):
     """An environment that raised.
 
     Attributes:
-        reason: the exception's kind and the first line of what it says.
+        reason: the exception's kind and the first line of what it says; all that a `PluginError` says.
+        plugged: whether a plug-in failed, which is the user's to mend.
     """
 
     reason: str
+    plugged: bool = False
 
     @classmethod
     def of(cls, error: BaseException) -> Failure:
         """That of an exception."""
+        if isinstance(error, PluginError):
+            return cls(str(error), plugged=True)
         first = str(error).strip().splitlines()[:1]
         return cls(": ".join([type(error).__name__, *first])[:200])
 

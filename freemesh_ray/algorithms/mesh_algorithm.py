@@ -15,13 +15,15 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
 from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
+from envs.errors import PluginError
+from envs.plug_in import NONE
 from freemesh_ray.algorithms.awake import asleep, awake
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
 from freemesh_ray.algorithms.normaliser import folded
 from freemesh_ray.algorithms.process_group import met_by_file
-from freemesh_ray.policies.evaluation import MODES, evaluate
+from freemesh_ray.policies.evaluation import MODES, evaluate, user_metric
 from freemesh_ray.policies.policy import Policy
 
 #: Seconds between two looks whether an env runner that died is back: each look holds up the training.
@@ -45,17 +47,18 @@ class MeshConfig(AlgorithmConfig):
 
     Besides RLlib's own settings: ``hidden`` (units of each hidden layer), ``curriculum`` (a Curriculum, or None to
     leave the environments' task alone), ``runner_timeout`` (seconds without an answer after which an env runner is
-    replaced).
+    replaced), ``evaluation_metrics`` (names of metrics of the user's own).
     """
 
     #: Settings of ``training`` that RLlib does not know.
-    OWN: tuple[str, ...] = ("hidden", "curriculum", "runner_timeout")
+    OWN: tuple[str, ...] = ("hidden", "curriculum", "runner_timeout", "evaluation_metrics")
 
     def __init__(self, algo_class: type | None = None) -> None:
         super().__init__(algo_class=algo_class)
         self.hidden: list[int] = [128, 128, 128]
         self.curriculum: Curriculum | None = None
         self.runner_timeout = 300.0
+        self.evaluation_metrics: tuple[str, ...] = ()
         self.gamma = 0.99
         self.env_runner_cls = TransitionEnvRunner
         self.num_env_runners = 0
@@ -132,6 +135,7 @@ class MeshAlgorithm(Algorithm):
 
         Raises:
             EnvRunnerError: one raises again and again, or for ``runner_timeout`` none has answered.
+            PluginError: a plug-in failed in one.
             Cut: it is hurried; nothing was asked.
         """
         self._leave_if_hurried()
@@ -143,6 +147,8 @@ class MeshAlgorithm(Algorithm):
         answers = []
         for runner, answer in found.items():
             if isinstance(answer, Failure):
+                if answer.plugged:
+                    raise PluginError(answer.reason)
                 self._failed(runner, answer.reason)
             else:
                 self._failures.pop(runner, None)
@@ -260,20 +266,23 @@ class MeshAlgorithm(Algorithm):
         In this process: the episodes of a domain run side by side in compiled code, faster than they could be sent.
 
         Returns:
-            ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluation.FIGURES.
+            ``{"deterministic": {domain: figures}, "stochastic": ...}``; figures: evaluation.FIGURES, and those of the
+            user's metrics.
 
         Raises:
             Cut: it is hurried.
+            PluginError: a plug-in failed.
         """
         domains, parameters = (self.config.env_config[key] for key in ("domain", "parameters"))
         layers = [(np.asarray(weight), np.asarray(bias)) for weight, bias in self.actor_weights()]
-        policy = Policy(layers, parameters)
+        policy = Policy(layers, parameters, plug_ins=self.config.env_config.get("plug_ins", NONE))
+        metrics = [user_metric(spec) for spec in self.config.evaluation_metrics]
         episodes, seed = int(self.config.evaluation_duration), self.config.seed or 0
 
         by_domain = {}
         for domain in domains:
             self._leave_if_hurried()
-            by_domain[domain.name] = evaluate(policy, domain, episodes, seed)
+            by_domain[domain.name] = evaluate(policy, domain, episodes, seed, metrics)
         return {mode: {name: figures[mode] for name, figures in by_domain.items()} for mode in MODES}
 
     def actor_weights(self) -> list[tuple[Any, Any]]:

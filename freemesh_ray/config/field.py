@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from envs.errors import UserError
+from envs.plug_in import is_spec
 from envs.types import Setting
 
 
@@ -20,12 +21,16 @@ class Field(Setting):
     """What one key accepts.
 
     Attributes:
-        many: a list of one or more values in place of one; with ``distinct``, none of them twice.
+        many: a list of one or more values in place of one; with ``empty`` also of none, with ``distinct`` none of them
+            twice.
+        plug_in: the name of a plug-in, ``package.module:Name``, is accepted in place of the words.
         pattern: what a text must match as a whole where there are no ``words``, with ``hint`` saying it in words.
     """
 
     many: bool = False
     distinct: bool = False
+    empty: bool = False
+    plug_in: bool = False
     pattern: str = r"(?s).*\S.*"
     hint: str = "text"
 
@@ -34,7 +39,8 @@ class Field(Setting):
         if not self.many:
             return self._one(value)
         items = [self._one(item) for item in value] if isinstance(value, list) else []
-        if not items or (self.distinct and len(set(items)) < len(items)):
+        none = not items and not (self.empty and value == [])
+        if none or (self.distinct and len(set(items)) < len(items)):
             raise ValueError(value)
         return items
 
@@ -43,10 +49,17 @@ class Field(Setting):
         one = super().__str__()
         if self.kind is str and not self.words:
             one = self.hint + (f" or {one}" if one else "")
-        return f"a list of one or more{' different values' if self.distinct else ''}, each {one}" if self.many else one
+        if self.plug_in:
+            one += " or package.module:Name"
+        if not self.many:
+            return one
+        amount = ["values"] if self.empty else ["one or more", *(["different values"] if self.distinct else [])]
+        return f"a list of {' '.join(amount)}, each {one}"
 
     def _one(self, value: Any) -> Any:
         """One value, where there may be many."""
+        if self.plug_in and is_spec(value):
+            return value
         if self.kind is str and not self.words and isinstance(value, str) and re.fullmatch(self.pattern, value):
             return value
         return super().fitted(value)

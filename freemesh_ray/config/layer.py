@@ -13,7 +13,7 @@ import yaml
 
 from freemesh_ray.config.document import composed, document, plain
 from freemesh_ray.config.field import ConfigError
-from freemesh_ray.config.schema import SCHEMA, sections
+from freemesh_ray.config.schema import SCHEMA, algorithm_name, sections
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,35 @@ def set_layer(text: str) -> Layer:
     return _unique(_entries(composed(value, place) or yaml.ScalarNode(_NULL, ""), key.strip(), place, line=None))
 
 
+def know_algorithms(root: yaml.Node | None, sets: Sequence[str] = ()) -> None:
+    """Import the algorithms of users' own that a YAML tree, or ``key=value`` strings, name: they have sections, too.
+
+    To be called before the tree is read as layers.
+
+    Raises:
+        PluginError: one is none.
+    """
+    for text in sets:
+        if text.partition("=")[0].strip() == ALGORITHM:
+            _know(text.partition("=")[2].strip())
+    left = [(root, False)] if root is not None else []
+    while left:
+        node, named = left.pop()
+        if isinstance(node, yaml.ScalarNode) and named:
+            _know(node.value)
+        elif isinstance(node, yaml.MappingNode):
+            left += [(value, named or key.value == ALGORITHM) for key, value in node.value]
+        elif isinstance(node, yaml.SequenceNode):
+            left += [(value, named) for value in node.value]
+
+
+def _know(setting: str) -> None:
+    algorithm_name(setting.strip("'\""))
+
+
 _NULL = "tag:yaml.org,2002:null"
+#: The setting whose plug-ins bring settings of their own.
+ALGORITHM = "algorithm"
 
 
 def value_layer(values: Mapping[str, Any], place: str) -> Layer:

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from envs.plug_in import SPEC, PlugIn, is_spec, plug_in
 from envs.types import COUNT, NAMED, SETTINGS, TINY
-from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, settings_by_key
+from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, Hyperparameter, settings_by_key
 from freemesh_ray.config.field import Field
 
 #: A place for files; a bucket is one where it is mounted.
 FOLDER = Field(str, pattern=r"(?s)(?!\w[\w+.-]*://).*\S.*", hint="a folder, not a URL: mount the bucket")
 
+#: What a plug-in is named by.
+PLUG_IN = Field(str, pattern=SPEC, hint="package.module:Name", optional=True)
+PLUG_INS = replace(PLUG_IN, optional=False, many=True, empty=True)
+
 #: Dotted key -> what it accepts. ``defaults.yaml`` holds the same keys, with their meaning and default.
 SCHEMA: dict[str, Field] = {
     "name": Field(str, pattern=r"[A-Za-z0-9._-]*[A-Za-z0-9_-]", hint="text of letters, digits and . _ -"),
     "seed": Field(int, 0, 2**31 - 1),
-    "algorithm": Field(str, words=tuple(ALGORITHMS)),
+    "algorithm": Field(str, words=tuple(ALGORITHMS), plug_in=True),
+    "callbacks": replace(PLUG_INS, distinct=True),
     **{f"env.{name}": Field(str, words=tuple(numbers), optional=True) for name, numbers in NAMED.items()},
     **{f"env.{name}": Field(**vars(setting)) for name, setting in SETTINGS.items()},
+    "env.reward": PLUG_IN,
+    "env.observe": PLUG_IN,
+    "env.wrappers": PLUG_INS,
     "curriculum.stages": Field(str, many=True, distinct=True),
     "curriculum.promote_at": Field(float, TINY, 1),
     "curriculum.window": Field(int, 1, 10**6),
@@ -43,6 +54,7 @@ SCHEMA: dict[str, Field] = {
     "budget.minutes": Field(float, TINY, 10**9, optional=True),
     "evaluation.interval": Field(int, 1, COUNT),
     "evaluation.episodes": Field(int, 1, 10**6),
+    "evaluation.metrics": replace(PLUG_INS, distinct=True),
     "checkpoint.interval": Field(int, 1, COUNT),
     "checkpoint.keep": Field(int, 1, 1000),
     "checkpoint.retries": Field(int, 0, 1000),
@@ -78,5 +90,49 @@ def register(name: str, algorithm: Algorithm) -> None:
         algorithm: as those of ``ALGORITHMS``.
     """
     ALGORITHMS[name] = algorithm
-    SCHEMA["algorithm"] = Field(str, words=tuple(ALGORITHMS))
+    accepts = SCHEMA["algorithm"]
+    SCHEMA["algorithm"] = replace(accepts, words=tuple(dict.fromkeys((*accepts.words, name))))
+    _add_section(name, algorithm)
+
+
+def _add_section(name: str, algorithm: Algorithm) -> None:
     SCHEMA.update((key, setting.accepts) for key, setting in settings_by_key({name: algorithm}).items())
+
+
+def algorithm_name(setting: str) -> str:
+    """The key in `ALGORITHMS`, and the section, of what ``algorithm`` is set to.
+
+    A plug-in ``package.module:NAME`` is called ``name``; the first time it is imported, and gets its section.
+
+    Raises:
+        PluginError: it is no `Algorithm`, or there is another section of its name.
+    """
+    if not is_spec(setting):
+        return setting
+    found = plug_in(setting, "algorithm")
+    name = found.name.lower()
+    if name in ALGORITHMS and ALGORITHMS[name] == found.value:
+        return name
+    _check_algorithm(found)
+    if name in ALGORITHMS or name in {key.partition(".")[0] for key in SCHEMA}:
+        raise found.wrong(f"its section would be {name}, which is another's", "give it another name")
+    ALGORITHMS[name] = found.value
+    _add_section(name, found.value)
+    return name
+
+
+def _check_algorithm(found: PlugIn) -> None:
+    """Refuse a plug-in that is no description of an algorithm.
+
+    Raises:
+        PluginError: as said.
+    """
+    entry = found.value
+    if not isinstance(entry, Algorithm):
+        raise found.wrong(f"is of type {type(entry).__name__}", "give an Algorithm of freemesh_ray.config")
+    if not all(isinstance(setting, Hyperparameter) for setting in entry.settings.values()):
+        raise found.wrong("has a setting without what it accepts", "give Hyperparameter(default, Field(...))")
+    known = {*SCHEMA, *settings_by_key({found.name.lower(): entry})}
+    for key in (entry.batch, entry.experience):
+        if key not in known:
+            raise found.wrong(f"draws from {key}, which is no setting", "name one")

@@ -10,13 +10,27 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import yaml
+
+from envs.plug_in import PlugIns, is_spec, look_in
 from envs.types import SETTINGS, MeshingParameters
 from freemesh_ray.config.algorithms import ALGORITHMS, settings_by_key
+from freemesh_ray.config.document import document
 from freemesh_ray.config.field import ConfigError, check
-from freemesh_ray.config.layer import Entry, Layer, file_layer, set_layer, value_layer
-from freemesh_ray.config.schema import SCHEMA, SHORTHANDS
+from freemesh_ray.config.layer import (
+    ALGORITHM,
+    Entry,
+    Layer,
+    file_layer,
+    know_algorithms,
+    set_layer,
+    tree_layer,
+    value_layer,
+)
+from freemesh_ray.config.schema import SCHEMA, SHORTHANDS, algorithm_name
 
 Scalar = str | int | float | bool | None
 
@@ -37,15 +51,30 @@ def load(overlays: Overlay | Sequence[Overlay] = (), sets: Sequence[str] = ()) -
 
     Raises:
         ConfigError: an unknown or repeated key, a wrong type or range, a missing, empty or invalid file.
+        PluginError: an algorithm of a user's own that cannot be had.
     """
     several = [overlays] if isinstance(overlays, str | os.PathLike | Mapping) else overlays
-    return resolve([*map(_layer, several), *map(set_layer, sets)])
+    read = [each if isinstance(each, Mapping) else document(os.fspath(each)) for each in several]
+    look_beside([each[0] for each in read if isinstance(each, tuple)])
+    for each in read:
+        if isinstance(each, tuple):
+            know_algorithms(each[1])
+        elif isinstance(each.get(ALGORITHM), str):
+            algorithm_name(each[ALGORITHM])
+    know_algorithms(None, sets)
+    return resolve([*map(_layer, read), *map(set_layer, sets)])
 
 
-def _layer(overlay: Overlay) -> Layer:
-    if isinstance(overlay, Mapping):
-        return value_layer(overlay, "settings")
-    return file_layer(os.fspath(overlay))
+def _layer(read: Mapping[str, Any] | tuple[str, yaml.Node]) -> Layer:
+    return value_layer(read, "settings") if isinstance(read, Mapping) else tree_layer(read[1], read[0], 1)
+
+
+def look_beside(files: Sequence[str]) -> None:
+    """Look for plug-ins in the current folder, and beside files of settings."""
+    look_in(Path.cwd())
+    for name in files:
+        if Path(name).is_file():
+            look_in(Path(name).parent)
 
 
 def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
@@ -54,6 +83,10 @@ def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
     Raises:
         ConfigError: a wrong type or range.
     """
+    for layer in layers:
+        for entry in layer:
+            if entry.key == ALGORITHM and isinstance(entry.value, str):
+                algorithm_name(entry.value)
     settings: dict[str, Any] = {key: setting.default for key, setting in settings_by_key(ALGORITHMS).items()}
     places: dict[str, str] = {}  # where each key was set last
     for layer in (file_layer("defaults"), *layers):
@@ -71,7 +104,7 @@ def resolve(layers: Sequence[Layer]) -> dict[str, Any]:
             last = max(small, large, key=list(places).index)
             values = f"{small} = {settings[small]} is more than {large} = {settings[large]}"
             raise ConfigError(f"{places[last]}: {values}: lower it")
-    shared, learners = ALGORITHMS[settings["algorithm"]].batch, settings["learner.count"]
+    shared, learners = ALGORITHMS[algorithm_name(settings[ALGORITHM])].batch, settings["learner.count"]
     if learners and settings[shared] % learners:
         last = max(shared, "learner.count", "algorithm", key=list(places).index)
         values = f"{shared} = {settings[shared]} cannot be shared out among learner.count = {learners}"
@@ -93,6 +126,22 @@ def flatten(config: Mapping[str, Any]) -> dict[str, Scalar]:
 def meshing_parameters(config: Mapping[str, Any]) -> MeshingParameters:
     """The ``env`` section as the environment takes it."""
     return MeshingParameters(**{name: config["env"][name] for name in SETTINGS})
+
+
+def plug_ins(config: Mapping[str, Any]) -> PlugIns:
+    """What of the environment is a user's own."""
+    env = config["env"]
+    return PlugIns(env["reward"], env["observe"], tuple(env["wrappers"]))
+
+
+def plug_ins_named(config: Mapping[str, Any]) -> list[str]:
+    """All plug-ins that a tree names, each once."""
+    env, evaluation = config["env"], config["evaluation"]
+    named = [
+        config["algorithm"], env["reward"], env["observe"], *env["wrappers"], *config["curriculum"]["stages"],
+        *evaluation["metrics"], *config["callbacks"],
+    ]  # fmt: skip
+    return [spec for spec in dict.fromkeys(named) if is_spec(spec) and not Path(spec).is_file()]
 
 
 def _checked(entry: Entry) -> Any:

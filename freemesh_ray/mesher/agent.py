@@ -14,7 +14,7 @@ from envs.mdp.observation import observation_size, observe
 from envs.mdp.transition import Numbers, terms
 from envs.types import Floats
 from freemesh_ray.mesher.network import Network, forward, pack
-from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN, Policy
+from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN, Policy, check_unaltered
 
 
 class Agent(NamedTuple):
@@ -44,7 +44,12 @@ class Agent(NamedTuple):
 
 
 def agent(policy: Policy) -> Agent:
-    """The compiled view of a policy; a single critic stands for both of a pair."""
+    """The compiled view of a policy; a single critic stands for both of a pair.
+
+    Raises:
+        PolicyError: plug-ins alter what the policy sees or does.
+    """
+    check_unaltered(policy)
     inputs, size = observation_size(policy.parameters), policy.parameters.action_size
     nothing = [(np.zeros((inputs + size, 1)), np.zeros(1))]
     critics = (

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.domains.load import RandomDomains
+from envs.domains.load import Source
 from envs.mdp.episodes import Episodes
 from envs.mesh import Mesh
+from envs.plug_in import PlugIn, function
 from envs.types import Domain
+from envs.wrapped_env import base, wrapped
 from freemesh_ray.policies.policy import Policy
 
 
@@ -95,6 +98,9 @@ def mode_and_figure(name: str) -> tuple[str, str]:
     return mode, figure
 
 
+#: The setting that names figures of a user's own.
+KEY = "evaluation.metrics"
+
 #: Domains that an endless supply is evaluated on.
 HELD_OUT_DOMAINS = 40
 
@@ -103,7 +109,7 @@ def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: b
     """Mesh a domain several times, side by side.
 
     Args:
-        policy: with the MDP's parameters that it was trained on.
+        policy: with the MDP's parameters, and the plug-ins, that it was trained on.
         domain: what to mesh.
         episodes: how many times, >= 1.
         stochastic: draw every action; otherwise take the squashed mean, and draw only where the last action was
@@ -112,8 +118,14 @@ def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: b
 
     Returns:
         One result an episode, in order.
+
+    Raises:
+        PluginError: a plug-in failed.
     """
-    batch = Episodes([domain], policy.parameters, episodes)
+    if policy.plug_ins.wrappers:
+        return _run_wrapped(policy, domain, episodes, stochastic, seed)
+    plugged = {"reward": policy.plug_ins.reward, "observe": policy.plug_ins.observe}
+    batch = Episodes([domain], policy.parameters, episodes, **plugged)
     random = np.random.default_rng(seed)
     for i in range(episodes):
         batch.start(i, 0)
@@ -129,8 +141,32 @@ def run_episodes(policy: Policy, domain: Domain, episodes: int, *, stochastic: b
     ]
 
 
+def _run_wrapped(policy: Policy, domain: Domain, episodes: int, stochastic: bool, seed: int) -> list[Evaluated]:
+    """`run_episodes` where plug-ins wrap every environment."""
+    plug_ins = policy.plug_ins
+    own = {"reward": plug_ins.reward, "observe": plug_ins.observe, "parameters": policy.parameters}
+    environments = [wrapped(plug_ins.wrappers, domain=domain, **own) for _ in range(episodes)]
+    random = np.random.default_rng(seed)
+    seen = np.stack([env.reset(seed=seed + i)[0] for i, env in enumerate(environments)])
+    over, invalid = np.zeros(episodes, dtype=np.bool_), np.zeros(episodes, dtype=np.bool_)
+    returns = np.zeros(episodes)
+    while not over.all():
+        actions = policy.act(seen, stochastic | invalid, random)
+        for i in np.flatnonzero(~over).tolist():
+            seen[i], reward, terminated, truncated, info = environments[i].step(actions[i])
+            returns[i] += reward
+            invalid[i], over[i] = bool(info.get("rejection")), terminated or truncated
+    batches = [base(env).episodes for env in environments]
+    for env in environments:
+        env.close()
+    return [
+        Evaluated(batch.mesh(0), float(returns[i]), batch.steps(0), batch.mean_eta(0))
+        for i, batch in enumerate(batches)
+    ]
+
+
 def evaluation_episodes(
-    policy: Policy, entry: Domain | RandomDomains, episodes: int, *, stochastic: bool, seed: int
+    policy: Policy, entry: Source, episodes: int, *, stochastic: bool, seed: int
 ) -> list[Evaluated]:
     """``episodes`` episodes on a domain; of an endless supply, one on each of the same unseen domains."""
     if isinstance(entry, Domain):
@@ -141,14 +177,46 @@ def evaluation_episodes(
     ]
 
 
-def summary(results: Sequence[Evaluated]) -> dict[str, float]:
-    """Each of `FIGURES`: its mean over episodes."""
-    return {name: float(np.mean([figure.of(one) for one in results])) for name, figure in FIGURES.items()}
+def user_metric(spec: str) -> PlugIn:
+    """The metric of a name: a function of an `Evaluated` to a number, or to numbers by name.
+
+    Raises:
+        PluginError: it is none.
+    """
+    return function(spec, KEY, "a function of an episode")
 
 
-def evaluate(policy: Policy, entry: Domain | RandomDomains, episodes: int, seed: int) -> dict[str, dict[str, float]]:
+def summary(results: Sequence[Evaluated], metrics: Sequence[PlugIn] = ()) -> dict[str, float]:
+    """Each of `FIGURES`, and each of a user's: its mean over episodes.
+
+    Raises:
+        PluginError: a user's raised, or is no number, or has another's name.
+    """
+    means = {name: float(np.mean([figure.of(one) for one in results])) for name, figure in FIGURES.items()}
+    for metric_ in metrics:
+        found = [_figures(metric_, one) for one in results]
+        for name in found[0]:
+            if name in means or not re.fullmatch(r"[\w.-]+", name):
+                fix = "give it a name of its own, of letters, digits and . _ -"
+                raise metric_.wrong(f"calls a figure {name!r:.60}", fix)
+            if any(one.keys() != found[0].keys() for one in found):
+                raise metric_.wrong("returned other names for another episode", "return the same names")
+            means[name] = float(np.mean([one[name] for one in found]))
+    return means
+
+
+def _figures(metric_: PlugIn, one: Evaluated) -> dict[str, float]:
+    """What a user's metric tells of an episode."""
+    returned = metric_(one)
+    figures: Mapping[Any, Any] = returned if isinstance(returned, Mapping) else {metric_.name: returned}
+    return {str(name): metric_.as_number(value) for name, value in figures.items()}
+
+
+def evaluate(
+    policy: Policy, entry: Source, episodes: int, seed: int, metrics: Sequence[PlugIn] = ()
+) -> dict[str, dict[str, float]]:
     """Mode -> `summary` of `evaluation_episodes` of that mode."""
     return {
-        mode: summary(evaluation_episodes(policy, entry, episodes, stochastic=mode == STOCHASTIC, seed=seed))
+        mode: summary(evaluation_episodes(policy, entry, episodes, stochastic=mode == STOCHASTIC, seed=seed), metrics)
         for mode in MODES
     }

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from envs.errors import UserError
+from envs.plug_in import NONE, PlugIns, is_spec
 from envs.types import MeshingParameters
 from freemesh_ray.storage.array_archive import read_arrays
 from freemesh_ray.storage.atomic import replacing
@@ -91,17 +92,22 @@ class Policy:
         about: where it comes from (config, seed, git commit, scores ...); JSON values.
         critic: (weight (critics, inputs, outputs), bias (critics, outputs)) float32 of critics side by side, twins as
             a rule: observation and action -> value; ReLU between. Empty when there are none.
+        plug_ins: what of that MDP is a user's own. Where they alter what it sees or does, it acts in the environment
+            of its training alone: compiled meshing knows nothing of them.
     """
 
     layers: Sequence[Layer]
     parameters: MeshingParameters
     about: Mapping[str, Any] = field(default_factory=dict)
     critic: Sequence[Layer] = ()
+    plug_ins: PlugIns = NONE
 
     def __post_init__(self) -> None:
         from envs.mdp.observation import observation_size  # with the compiled code, which is slow to import
 
         seen, acted = observation_size(self.parameters), self.parameters.action_size
+        if self.plug_ins.alter:
+            seen, acted = self.layers[0][0].shape[0], self.layers[-1][0].shape[-1] // 2
         check_layers(self.layers, "network", (), (seen, 2 * acted))
         if self.critic:
             check_layers(self.critic, "critic", self.critic[0][0].shape[:-2], (seen + acted, 1))
@@ -131,7 +137,9 @@ class Policy:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the policy to ``path``; the file appears whole or not at all."""
-        about = {"parameters": asdict(self.parameters), "about": dict(self.about)}
+        about: dict[str, Any] = {"parameters": asdict(self.parameters), "about": dict(self.about)}
+        if self.plug_ins != NONE:
+            about["plug_ins"] = asdict(self.plug_ins)
         arrays = {f"weight_{i}": weight for i, (weight, _) in enumerate(self.layers)}
         arrays |= {f"bias_{i}": bias for i, (_, bias) in enumerate(self.layers)}
         arrays |= {f"critic_weight_{i}": weight for i, (weight, _) in enumerate(self.critic)}
@@ -140,11 +148,15 @@ class Policy:
             np.savez(file, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Policy:
+    def load(cls, path: str | os.PathLike[str], *, altered: bool = False) -> Policy:
         """Read a policy.
 
+        Args:
+            path: a file that `save` wrote.
+            altered: also one that plug-ins keep from compiled meshing.
+
         Raises:
-            PolicyError: no such file, or not a policy.
+            PolicyError: no such file, not a policy, or one that plug-ins keep from compiled meshing.
         """
         if not os.path.isfile(path):
             raise PolicyError(f"{path}: no such policy file; train one with `freemesh train`, or check the path")
@@ -153,9 +165,38 @@ class Policy:
             text = json.loads(str(archive["about"]))
             layers, critic = read_layers(archive, ""), read_layers(archive, "critic_")
             parameters, about = MeshingParameters(**text["parameters"]), dict(text["about"])
-            return cls(layers, parameters, about, critic)
+            policy = cls(layers, parameters, about, critic, plug_ins_of(text.get("plug_ins", {})))
         except UNREADABLE as error:
             reason = " ".join(str(error).split())[:200]
             raise PolicyError(
                 f"{path}: not a policy file ({reason}); give the policy.npz that a training wrote"
             ) from error
+        if not altered:
+            check_unaltered(policy, str(path))
+        return policy
+
+
+def check_unaltered(policy: Policy, name: str = "the policy") -> None:
+    """Refuse a policy that compiled meshing would mislead.
+
+    Raises:
+        PolicyError: plug-ins alter what it sees or does.
+    """
+    if policy.plug_ins.alter:
+        raise PolicyError(
+            f"{name}: was trained with {policy.plug_ins}, and meshes in that environment alone: its training's meshes "
+            "lie in its run's folder"
+        )
+
+
+def plug_ins_of(fields: Mapping[str, Any]) -> PlugIns:
+    """The plug-ins that a policy's file names.
+
+    Raises:
+        ValueError: they are no names.
+    """
+    wrappers = tuple(fields.get("wrappers", ()))
+    found = PlugIns(fields.get("reward"), fields.get("observe"), wrappers)
+    if not all(name is None or is_spec(name) for name in (found.reward, found.observe, *wrappers)):
+        raise ValueError("plug-ins are no names")
+    return found

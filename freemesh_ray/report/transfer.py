@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.domains.load import RandomDomains, source
+from envs.domains.load import Source, UserDomains, source
 from envs.types import Domain, DomainError, Floats
 from freemesh_ray.policies.evaluation import evaluate
 from freemesh_ray.policies.policy import Policy, PolicyError
@@ -73,13 +73,15 @@ def transfer(
     return Transfer(list(found), skipped, policies, figures)
 
 
-def load_domains(domains: Sequence[str]) -> tuple[dict[str, Domain | RandomDomains], dict[str, str]]:
+def load_domains(domains: Sequence[str]) -> tuple[dict[str, Source], dict[str, str]]:
     """Name -> domain; and what the study calls the others -> why they cannot be used."""
-    found: dict[str, Domain | RandomDomains] = {}
+    found: dict[str, Source] = {}
     skipped: dict[str, str] = {}
     for spec in domains:
         try:
             entry = source(spec)
+            if isinstance(entry, UserDomains):
+                raise DomainError(f"{spec}: is a function of a user's own: a report runs none")
             if isinstance(entry, Domain) and len(entry.ring) < 6:
                 raise DomainError(f"{spec}: {len(entry.ring)} vertices are one element")
         except DomainError as error:

@@ -45,7 +45,7 @@ class TrialResult:
     @cached_property
     def policy(self) -> Policy | None:
         """The best policy, that of ``folder.policy``; None where it failed before it had one."""
-        return Policy.load(self.folder.policy) if self.folder.policy.is_file() else None
+        return Policy.load(self.folder.policy, altered=True) if self.folder.policy.is_file() else None
 
     @property
     def figures(self) -> Mapping[str, float]:

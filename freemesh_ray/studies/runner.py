@@ -281,8 +281,12 @@ def parallel(settings: Mapping[str, Any]) -> int:
 
 
 def register_best(parent: MLflowRun, study: Study, best: TrialResult) -> None:
-    """Make the best policy a version of the study's registered model, under the alias `best`."""
+    """Make the best policy a version of the study's registered model, under the alias `best`; not one that plug-ins
+    keep from meshing as a model does.
+    """
     assert best.policy is not None
+    if best.policy.plug_ins.alter:
+        return
     parent.model(
         best.folder.policy,
         name=f"freemesh-{study.name}",

@@ -17,9 +17,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from envs.domains.load import source
+from envs.plug_in import NONE
 from freemesh_ray.algorithms.awake import awake
 from freemesh_ray.algorithms.cut import Cut
-from freemesh_ray.config import ALGORITHMS, meshing_parameters
+from freemesh_ray.config import ALGORITHMS, algorithm_name, meshing_parameters, plug_ins
 from freemesh_ray.policies.evaluation import COMPLETION, MODES, RETURN, metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError, refusing_links
@@ -312,7 +313,7 @@ class Training:
         iteration = metrics.Iteration(
             self.algorithm.curriculum.stage, progress.updates, progress.seconds, progress.updates - updates, took
         )
-        figures = ALGORITHMS[self.config["algorithm"]].figures
+        figures = ALGORITHMS[algorithm_name(self.config["algorithm"])].figures
         values = metrics.of_iteration(iteration, self.algorithm.finished, results, figures)
         self.run.metrics(values, step=progress.env_steps)
         self.algorithm.finished.clear()
@@ -353,7 +354,10 @@ class Training:
         layers = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.actor_weights()]
         critic = [(np.asarray(w), np.asarray(b)) for w, b in self.algorithm.critic_weights()]
         told = {**provenance(), "config": dict(self.config), **about}
-        return Policy(layers, meshing_parameters(self.config), told, critic)
+        own = plug_ins(self.config)
+        if own != NONE:  # what the critics expect is not what the mesher weighs
+            critic = []
+        return Policy(layers, meshing_parameters(self.config), told, critic, own)
 
     def evaluate(self) -> dict[str, float]:
         """Ten episodes (``evaluation.episodes``) on every stage, deterministic and stochastic; keep the best policy.

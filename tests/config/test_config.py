@@ -14,6 +14,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from envs.plug_in import SPEC, PlugIns
 from envs.types import NAMED, SETTINGS, TINY, MeshingParameters
 from freemesh_ray.config import (
     ALGORITHMS,
@@ -35,14 +36,16 @@ DEFAULTS_TEXT = (resources.files("tune_configs") / "defaults.yaml").read_text(en
 def values_of(key: str, field: Field) -> st.SearchStrategy:
     """Every kind of value that ``field`` accepts."""
     if field.many:
-        item = values_of(key, Field(field.kind, field.low, field.high, field.words))
-        return st.lists(item, min_size=1, max_size=4, unique=field.distinct)
+        item = values_of(key, Field(field.kind, field.low, field.high, field.words, pattern=field.pattern))
+        return st.lists(item, min_size=not field.empty, max_size=4, unique=field.distinct)
     if field.kind is bool:
         one: st.SearchStrategy = st.booleans()
     elif field.kind is int:
         one = st.integers(int(field.low), int(field.high))
     elif field.kind is float:
         one = st.floats(field.low, field.high)
+    elif field.pattern == SPEC:
+        one = st.sampled_from(["mine:Name", "my.module:Some.name_2", "ünï:ü"])
     elif field.words or key == "name":
         one = st.sampled_from(field.words or ("main", "1e6", "null", "true", "a.b-c_d", "010"))
     elif key == "tracking.uri":
@@ -91,7 +94,7 @@ def test_the_defaults_of_an_algorithm_are_those_of_its_entry():
 
 def test_the_defaults_are_the_environments_own():
     assert meshing_parameters(load()) == MeshingParameters()
-    assert set(load()["env"]) == {*asdict(MeshingParameters()), *NAMED}
+    assert set(load()["env"]) == {*asdict(MeshingParameters()), *NAMED, *asdict(PlugIns())}
 
 
 NUMBER = r"(-?[0-9.]+(?:e[0-9]+)?|pi)"
