@@ -134,6 +134,12 @@ def look_in(folder: str | Path) -> None:
         _given.append(path)
 
 
+def folders() -> tuple[str, ...]:
+    """The folders of `look_in`, and those of the process that started this one."""
+    inherited = [folder for folder in os.environ.get(FOLDERS, "").split(os.pathsep) if folder]
+    return tuple(dict.fromkeys([*inherited, *_given]))
+
+
 def plug_in(named: Any, key: str) -> PlugIn:
     """The plug-in of a setting.
 
@@ -257,11 +263,11 @@ def _findable(name: str, key: str, spec: str) -> ModuleSpec | None:
     importlib.invalidate_caches()
     if (found := importlib.util.find_spec(name)) is not None:
         return found
-    inherited = [folder for folder in os.environ.get(FOLDERS, "").split(os.pathsep) if folder]
-    for folder in dict.fromkeys([*inherited, *_given]):
+    for folder in folders():
         if (found := PathFinder.find_spec(name, [folder])) is not None:
             sys.path.append(folder)  # last: it hides nothing
-            os.environ[FOLDERS] = os.pathsep.join(dict.fromkeys([*inherited, folder]))
+            known = os.environ.get(FOLDERS, "").split(os.pathsep)
+            os.environ[FOLDERS] = os.pathsep.join(dict.fromkeys([*filter(None, known), folder]))
             return found
     where = _given[0] if _given else os.getcwd()
     raise PluginError(f"{key}: {spec}: no module {name}: put {name}.py into {where}, or set PYTHONPATH to its folder")

@@ -111,7 +111,7 @@ def wrapped(wrappers: Sequence[Any], **options: Any) -> gym.Env[np.ndarray, np.n
     """An environment in wrappers.
 
     Args:
-        wrappers: Gymnasium wrappers, or their names, ``package.module:Name``; the innermost first, at least one.
+        wrappers: Gymnasium wrappers, or their names, ``package.module:Name``; the innermost first.
         options: those of MeshEnv.
 
     Raises:
@@ -123,7 +123,7 @@ def wrapped(wrappers: Sequence[Any], **options: Any) -> gym.Env[np.ndarray, np.n
         env = wrapper(env)
         if not (isinstance(env, gym.Wrapper) and isinstance(env.unwrapped, MeshEnv)):
             raise wrapper.wrong("does not wrap the environment that it was given", "hand it to super().__init__")
-    return Guard(env, found)
+    return Guard(env, found) if found else env
 
 
 def base(env: gym.Env[Any, Any]) -> MeshEnv:

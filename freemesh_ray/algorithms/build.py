@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
+import ray
+from ray import cloudpickle
+
 from envs.domains.load import source
-from envs.plug_in import subclass
+from envs.errors import PluginError
+from envs.plug_in import folders, is_spec, subclass
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner
-from freemesh_ray.algorithms.environment import register
+from freemesh_ray.algorithms.environment import create, register
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
-from freemesh_ray.config import ALGORITHMS, algorithm_name, meshing_parameters, plug_ins
+from freemesh_ray.config import ALGORITHMS, algorithm_name, meshing_parameters, plug_ins, plug_ins_named
 
 Config = Mapping[str, Any]
+#: Seconds that another process gets to say what is wrong with a plug-in there.
+PATIENCE = 60
 
 
 def config_class(name: str) -> type[MeshConfig]:
@@ -22,9 +29,10 @@ def config_class(name: str) -> type[MeshConfig]:
     Raises:
         PluginError: a plug-in's is none.
     """
-    found: type[MeshConfig] = subclass(
-        ALGORITHMS[algorithm_name(name)].config, "algorithm", MeshConfig, "a class of MeshConfig"
-    ).value
+    named = ALGORITHMS[algorithm_name(name)].config
+    found: type[MeshConfig] = subclass(named, "algorithm", MeshConfig, "a class of MeshConfig").value
+    if is_spec(name):  # env runners and learners get its classes as they are here, wherever they look for modules
+        cloudpickle.register_pickle_by_value(sys.modules[found.__module__])
     return found
 
 
@@ -37,17 +45,12 @@ def configured(config: Config) -> MeshConfig:
     """
     learner, runners, curriculum = config["learner"], config["runners"], config["curriculum"]
     domains = [source(stage) for stage in curriculum["stages"]]
+    own = {"plug_ins": plug_ins(config), "folders": folders()} if plug_ins_named(config) else {}
+    name = algorithm_name(config["algorithm"])
     return (
         config_class(config["algorithm"])()
         .configure(config)
-        .environment(
-            register(),
-            env_config={
-                "domain": domains,
-                "parameters": meshing_parameters(config),
-                "plug_ins": plug_ins(config),
-            },
-        )
+        .environment(register(), env_config={"domain": domains, "parameters": meshing_parameters(config), **own})
         .env_runners(num_env_runners=runners["count"], num_envs_per_env_runner=runners["envs_per_runner"])
         .learners(
             num_learners=learner["count"],
@@ -59,6 +62,7 @@ def configured(config: Config) -> MeshConfig:
             hidden=learner["hidden"],
             runner_timeout=runners["timeout"],
             evaluation_metrics=tuple(config["evaluation"]["metrics"]),
+            plugged=(name, ALGORITHMS[name]) if is_spec(config["algorithm"]) else None,
             curriculum=Curriculum(**{**curriculum, "stages": tuple(domain.name for domain in domains)}),
         )
         # When to evaluate is the training loop's to decide: see training.Training.
@@ -68,5 +72,32 @@ def configured(config: Config) -> MeshConfig:
 
 
 def build(config: Config) -> MeshAlgorithm:
-    """Start the algorithm's processes; ``stop()`` ends them."""
-    return configured(config).build_algo()
+    """Start the algorithm's processes; ``stop()`` ends them.
+
+    Raises:
+        ConfigError, PluginError: see `configured`; a plug-in cannot be had in another process.
+    """
+    made = configured(config)
+    try:
+        return made.build_algo()
+    except Exception as error:
+        if plug_ins_named(config) and (fault := _fault_elsewhere(made.env_config)):
+            raise PluginError(f"{fault}, for other processes, too") from error
+        raise
+
+
+def _fault_elsewhere(context: Mapping[str, Any]) -> str:
+    """What is wrong with plug-ins in another process of Ray; empty where nothing is, or none answers."""
+
+    def fault() -> str:
+        try:
+            create(context).reset(seed=0)
+        except PluginError as error:
+            return str(error)
+        return ""
+
+    try:
+        found: str = ray.get(ray.remote(num_cpus=0)(fault).remote(), timeout=PATIENCE)
+    except Exception:
+        return ""
+    return found

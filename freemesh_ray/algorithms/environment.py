@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import VectorEnv
 from ray import tune
 
-from envs.mesh_env import MeshEnv
-from envs.plug_in import NONE, PlugIns
+from envs.plug_in import NONE, PlugIns, look_in
 from envs.vector_env import MeshVectorEnv
 from envs.wrapped_env import WrappedVectorEnv, wrapped
 
@@ -20,16 +18,19 @@ NAME = "FreeMesh-v0"
 
 def create(context: Mapping[str, Any]) -> gym.Env[Any, Any] | VectorEnv:
     """The native batched environment where RLlib asks for ``num_envs``, else a single one; a batch of single ones where
-    ``plug_ins`` wrap them.
+    ``plug_ins`` wrap them. ``folders`` are where plug-ins are looked for.
     """
     options = dict(context)
     num_envs = options.pop("num_envs", None)
+    for folder in options.pop("folders", ()):
+        look_in(folder)
     plug_ins: PlugIns = options.pop("plug_ins", NONE)
     options |= {"reward": plug_ins.reward, "observe": plug_ins.observe}
+    if num_envs is None:
+        return wrapped(plug_ins.wrappers, **options)
     if plug_ins.wrappers:
-        make = wrapped if num_envs is None else partial(WrappedVectorEnv, num_envs)
-        return make(plug_ins.wrappers, **options)
-    return MeshEnv(**options) if num_envs is None else MeshVectorEnv(num_envs=num_envs, **options)
+        return WrappedVectorEnv(num_envs, plug_ins.wrappers, **options)
+    return MeshVectorEnv(num_envs=num_envs, **options)
 
 
 def register() -> str:

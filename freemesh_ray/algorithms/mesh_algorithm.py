@@ -23,6 +23,8 @@ from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
 from freemesh_ray.algorithms.normaliser import folded
 from freemesh_ray.algorithms.process_group import met_by_file
+from freemesh_ray.config import ALGORITHMS
+from freemesh_ray.config import Algorithm as AlgorithmEntry
 from freemesh_ray.policies.evaluation import MODES, evaluate, user_metric
 from freemesh_ray.policies.policy import Policy
 
@@ -47,11 +49,12 @@ class MeshConfig(AlgorithmConfig):
 
     Besides RLlib's own settings: ``hidden`` (units of each hidden layer), ``curriculum`` (a Curriculum, or None to
     leave the environments' task alone), ``runner_timeout`` (seconds without an answer after which an env runner is
-    replaced), ``evaluation_metrics`` (names of metrics of the user's own).
+    replaced), ``evaluation_metrics`` (names of metrics of a user's own), ``plugged`` (name and entry of an algorithm of
+    a user's own, which every process that the configuration is sent to then knows).
     """
 
     #: Settings of ``training`` that RLlib does not know.
-    OWN: tuple[str, ...] = ("hidden", "curriculum", "runner_timeout", "evaluation_metrics")
+    OWN: tuple[str, ...] = ("hidden", "curriculum", "runner_timeout", "evaluation_metrics", "plugged")
 
     def __init__(self, algo_class: type | None = None) -> None:
         super().__init__(algo_class=algo_class)
@@ -59,6 +62,7 @@ class MeshConfig(AlgorithmConfig):
         self.curriculum: Curriculum | None = None
         self.runner_timeout = 300.0
         self.evaluation_metrics: tuple[str, ...] = ()
+        self.plugged: tuple[str, AlgorithmEntry] | None = None
         self.gamma = 0.99
         self.env_runner_cls = TransitionEnvRunner
         self.num_env_runners = 0
@@ -73,6 +77,12 @@ class MeshConfig(AlgorithmConfig):
         # began with other networks than its own, wherever a runner was slow. They arrive in the order they were sent.
         self.max_requests_in_flight_per_env_runner = 1_000
         self.torch_skip_nan_gradients = False
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Arrive in a process."""
+        self.__dict__.update(state)
+        if self.plugged is not None:
+            ALGORITHMS.setdefault(*self.plugged)
 
     def configure(self, config: Mapping[str, Any]) -> Self:
         """Take over how a configuration tree (see ``config.load``) says to learn; this configuration."""

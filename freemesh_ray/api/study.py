@@ -58,15 +58,21 @@ def run(study: Study, callbacks: Sequence[Callback], resume: bool, note: Callabl
 
 
 def check(study: Study) -> None:
-    """Refuse domains that cannot be trained on or meshed, before anything is started.
+    """Refuse domains that cannot be trained on or meshed, and plug-ins that fail at once, before anything is started.
 
     Raises:
-        DomainError: as said.
+        DomainError, PluginError: as said.
     """
     from envs.domains.load import load as load_domain
-    from freemesh_ray.training.job import check_stages
+    from freemesh_ray.training.job import check_plug_ins, check_stages
 
     for domain in study.domains:
         load_domain(domain)
-    for config in [study.trial_config(label, 0) for label in study.variants] or [study.settings_of_all()]:
+    for config in trees_of(study):
         check_stages(config)
+        check_plug_ins(config)
+
+
+def trees_of(study: Study) -> list[dict[str, Any]]:
+    """The complete tree of every variant; of a search that of what its trials share."""
+    return [study.trial_config(label, 0) for label in study.variants] or [study.settings_of_all()]

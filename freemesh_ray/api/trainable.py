@@ -10,6 +10,7 @@ from typing import Any
 
 from ray import tune
 
+from envs.errors import PluginError
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.config import ConfigError, load
 from freemesh_ray.config.paths import Paths
@@ -54,7 +55,7 @@ class MeshTrainable(TrainingTrainable):
         """What a trial takes; of a configuration that is refused a core, in which it says why."""
         try:
             return resources(_tree(config))
-        except ConfigError:
+        except (ConfigError, PluginError):
             return None
 
     def setup(self, config: Mapping[str, Any], callbacks: Sequence[Callback] = ()) -> None:  # type: ignore[override]

@@ -64,10 +64,10 @@ def run(options: argparse.Namespace) -> int:
     """Check, print and run the line; the exit code is that of ``ray job submit``.
 
     Raises:
-        ConfigError, RunError, DomainError: what is wrong with the input.
+        ConfigError, RunError, DomainError, PluginError: what is wrong with the input.
     """
     command = options.line[1:] if options.line[:1] == ["--"] else options.line
-    name = checked(command)
+    name, plug_ins = checked(command)
     if options.home:
         check_setting(options.home, FOLDER, "--home", "the home")
     url = server.address(options.address)
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
         paths.HOME: options.home, paths.STORE: options.tracking,
         provenance.GIVEN: provenance.provenance().get(provenance.COMMIT),
     }  # fmt: skip
-    environment = runtime_env(RUNTIME_ENV, {key: value for key, value in variables.items() if value})
+    environment = runtime_env(RUNTIME_ENV, {key: value for key, value in variables.items() if value}, plug_ins)
     cpus = CPUS[command[0]] if options.cpus is None else options.cpus
     job = options.submission_id or f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     id_ = options.submission_id if options.dry else job  # a line that is printed can be run again
@@ -111,11 +111,11 @@ def line_parser() -> argparse.ArgumentParser:
     return top
 
 
-def checked(command: Sequence[str]) -> str:
-    """The name of what a line would run, once it is known that it can be.
+def checked(command: Sequence[str]) -> tuple[str, list[str]]:
+    """The name of what a line would run, once it is known that it can be, and the plug-ins that it names.
 
     Raises:
-        ConfigError, RunError, DomainError: what is wrong with it.
+        ConfigError, RunError, DomainError, PluginError: what is wrong with it.
     """
     if not command or command[0] not in CPUS:
         raise RunError("submit: give what to run: -- train ..., or -- study NAME ...")
@@ -123,21 +123,23 @@ def checked(command: Sequence[str]) -> str:
         raise RunError(f"{Path.cwd()}: is no checkout of freemesh-ray, whose code a job is: submit from one")
     options = line_parser().parse_args(command)
     if options.command == "train":
-        from freemesh_ray.training.job import check_stages
+        from freemesh_ray.training.job import check_plug_ins, check_stages
 
         files, settings = options.config, config.load(options.config, options.set)
         check_stages(settings)
-        name = settings["name"]
+        check_plug_ins(settings)
+        name, trees = settings["name"], [settings]
     else:
-        from freemesh_ray.api.study import check
+        from freemesh_ray.api.study import check, trees_of
         from freemesh_ray.studies.definition import load
 
         if options.study is None:
             raise RunError("submit: study: give a study's name, or its YAML file")
         files, studied = [options.study], load(options.study, options.set, smoke=options.smoke)
         check(studied)
-        name = studied.name
+        name, trees = studied.name, trees_of(studied)
     for file in files:
         if Path(file).is_absolute() or ".." in Path(file).parts:
             raise RunError(f"{file}: lies outside the folder that is uploaded: copy it into {Path.cwd()}")
-    return f"{options.command}-{name}"
+    plug_ins = dict.fromkeys(spec for tree in trees for spec in config.plug_ins_named(tree))
+    return f"{options.command}-{name}", list(plug_ins)

@@ -9,21 +9,30 @@ from typing import Any
 
 import yaml
 
+from freemesh_ray.jobs.plug_in_files import beside
+
 #: Of a checkout: what every job runs in.
 RUNTIME_ENV = Path("deploy") / "runtime_env.yaml"
 #: Cores of a job's own process, by command: a training learns in it, a study only directs its trials.
 CPUS: Mapping[str, int] = {"train": 1, "study": 0}
 
 
-def runtime_env(path: Path, variables: Mapping[str, str]) -> dict[str, Any]:
-    """The runtime environment in a file, with more variables.
+def runtime_env(path: Path, variables: Mapping[str, str], plug_ins: Sequence[str] = ()) -> dict[str, Any]:
+    """The runtime environment in a file, with more variables and modules.
 
     Args:
         path: YAML, as `RUNTIME_ENV`.
         variables: these win over the file's.
+        plug_ins: named in the settings; where the upload of the current folder does not bring their modules, they go
+            beside it.
+
+    Raises:
+        PluginError: there is no such module.
     """
     declared = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return {**declared, "env_vars": {**declared.get("env_vars", {}), **variables}}
+    modules = [*declared.get("py_modules", []), *beside(plug_ins, Path.cwd(), declared.get("excludes", []))]
+    brought = {"py_modules": modules} if modules else {}
+    return {**declared, **brought, "env_vars": {**declared.get("env_vars", {}), **variables}}
 
 
 def submission(

@@ -136,7 +136,8 @@ def local_ray(workers: int, fix: str = "start it again", *, supervised: bool = F
     logging.getLogger("ray").setLevel(logging.ERROR)
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
     # Of actors that fail it tells all; who called them tells what matters.
-    logging.getLogger("ray.rllib.utils.actor_manager").setLevel(logging.CRITICAL)
+    for name in ("ray.rllib.utils.actor_manager", "ray.rllib.env.env_runner_group"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         if ray.is_initialized():
             yield Session()

@@ -144,7 +144,9 @@ class Study:
         }
 
 
-def load(source: str | Path | Mapping[str, Any], sets: Sequence[str] = (), *, smoke: bool = False) -> Study:
+def load(
+    source: str | Path | Mapping[str, Any], sets: Sequence[str] = (), *, smoke: bool = False, beside: bool = True
+) -> Study:
     """Read a study.
 
     Args:
@@ -152,11 +154,17 @@ def load(source: str | Path | Mapping[str, Any], sets: Sequence[str] = (), *, sm
             named after its title.
         sets: ``key=value``, over the settings of all trials.
         smoke: the whole path in about a minute: the settings of ``study_smoke.yaml``, two seeds, six trials.
+        beside: look for plug-ins in the current folder and beside the file, too; for files that are others' record of
+            a study, only where Python looks.
 
     Raises:
         ConfigError: what is wrong, with file, line and fix.
+        PluginError: an algorithm of a user's own cannot be had.
     """
     name, root = _written(source) if isinstance(source, Mapping) else config.document(source)
+    if beside:
+        config.look_beside([name])
+    config.know_algorithms(root, sets)
     parts = _pairs(root, 1, name, "the file")
     for key, (_, line) in parts.items():
         if key not in ("study", "settings"):

@@ -15,7 +15,8 @@ from operator import getitem
 from pathlib import Path
 from typing import Any, Protocol
 
-from freemesh_ray.config import ALGORITHMS, flatten
+from envs.plug_in import digest
+from freemesh_ray.config import ALGORITHMS, algorithm_name, flatten, plug_ins_named
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.training.run_folder import RunFolder
 
@@ -125,10 +126,16 @@ def variant_plan(study: Study, source: str) -> VariantPlan:
 
 
 def identity(config: Mapping[str, Any], source: str) -> str:
-    """Twelve hexadecimal digits that trainings with the same result have in common."""
-    others = tuple(f"{name}." for name in ALGORITHMS if name != config["algorithm"])
+    """Twelve hexadecimal digits that trainings with the same result have in common; plug-ins are source, too.
+
+    Raises:
+        PluginError: one cannot be found.
+    """
+    others = tuple(f"{name}." for name in ALGORITHMS if name != algorithm_name(config["algorithm"]))
     deciding = {key: value for key, value in flatten(config).items() if not key.startswith(OUTSIDE_IDENTITY + others)}
-    return hashlib.sha256(json.dumps([deciding, source], sort_keys=True).encode()).hexdigest()[:12]
+    own = plug_ins_named(config)
+    sources = [source, *([digest(own)] if own else [])]
+    return hashlib.sha256(json.dumps([deciding, *sources], sort_keys=True).encode()).hexdigest()[:12]
 
 
 def in_run_folder(config: Mapping[str, Any], runs: Path, trial_id: str) -> dict[str, Any]:

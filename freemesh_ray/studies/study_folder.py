@@ -109,7 +109,7 @@ class StudyFolder:
             raise StudyError(
                 f"{self.path}: no such study: {known} in {self.path.parent}; `freemesh study NAME` begins one"
             )
-        return replace(load(self.definition), name=self.path.resolve().name)
+        return replace(load(self.definition, beside=False), name=self.path.resolve().name)
 
     def claim(self, study: Study, resume: bool) -> None:
         """Make the folder for a study, or take it up again.

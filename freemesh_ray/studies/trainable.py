@@ -24,7 +24,7 @@ from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.callback import Callback, Callbacks
+from freemesh_ray.training.callback import Callback, Callbacks, callbacks_named
 from freemesh_ray.training.job import conclude, tags
 from freemesh_ray.training.loop import Algorithm, Training
 from freemesh_ray.training.run_folder import RunFolder
@@ -109,7 +109,7 @@ class TrainingTrainable(tune.Trainable):
             folders=[*trial.config["paths"].values()],
             enabled=tracking["enabled"],
         )
-        callbacks = Callbacks(copy.deepcopy(self._callbacks))
+        callbacks = Callbacks([*copy.deepcopy(self._callbacks), *callbacks_named(trial.config)])
         self._training = Training(self._make(trial.config), trial.config, trial.folder, self._run, callbacks)
         self._started = False
         with replacing(trial.folder.config) as draft:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.errors import PluginError
+from envs.plug_in import subclass
 
 if TYPE_CHECKING:
     from freemesh_ray.training.loop import Status, Training
@@ -42,6 +43,17 @@ class Callback:
 
     def on_end(self, run: Run) -> None:
         """It came to its end, and every stage is meshed."""
+
+
+def callbacks_named(config: Mapping[str, Any]) -> list[Callback]:
+    """The callbacks that a configuration names, made.
+
+    Raises:
+        PluginError: one cannot be had, or is no class of `Callback`.
+    """
+    what = "a class of freemesh_ray.Callback"
+    made: list[Callback] = [subclass(spec, "callbacks", Callback, what)() for spec in config["callbacks"]]
+    return made
 
 
 class Callbacks:

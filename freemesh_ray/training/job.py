@@ -11,22 +11,27 @@ import math
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from envs.domains.load import source
+import numpy as np
+
+from envs.domains.load import UserDomains, source
 from envs.errors import PluginError
+from envs.plug_in import NONE
 from envs.types import Domain, DomainError
+from envs.wrapped_env import wrapped
 from freemesh_ray import plots
-from freemesh_ray.config import ConfigError, dump, flatten
+from freemesh_ray.config import ConfigError, dump, flatten, meshing_parameters, plug_ins, read_plain
 from freemesh_ray.config import load as load_config
-from freemesh_ray.policies.evaluation import MODES, metric
+from freemesh_ray.policies.evaluation import MODES, metric, user_metric
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.storage.atomic import OutputError, refusing_links, replacing
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.callback import Callback, Callbacks
+from freemesh_ray.training.callback import Callback, Callbacks, callbacks_named
 from freemesh_ray.training.loop import Algorithm, Training
 from freemesh_ray.training.run import Run
 from freemesh_ray.training.run_folder import RunError, RunFolder, TrainingError
@@ -62,10 +67,10 @@ def train(
         TrainingError: it failed more often in a row than ``checkpoint.retries``.
         CheckpointError: none of its checkpoints can be read.
         OutputError: something cannot be written.
-        PluginError: a callback raised; everything up to then is in a checkpoint.
+        PluginError: a callback raised, or another plug-in failed; everything up to then is in a checkpoint.
     """
-    told = Callbacks(callbacks)
     with claimed(config, resume) as folder:
+        told = Callbacks([*callbacks, *callbacks_named(config)])
         return _retried(config, folder, resume, make, told, interrupted)
 
 
@@ -200,11 +205,13 @@ def claimed(config: Mapping[str, Any], resume: bool) -> Iterator[RunFolder]:
 
     Raises:
         DomainError: a stage that cannot be meshed or trained on, or two of one name.
+        PluginError: a plug-in that cannot be had, or fails at once.
         RunError: the run has checkpoints and ``resume`` is false, it was begun with other settings, or its folder
             cannot be made.
         InUseError: another process trains in it.
     """
     check_stages(config)
+    check_plug_ins(config)
     folder = RunFolder(Path(config["paths"]["runs"]) / config["name"])
     with folder.claimed(resume):
         if resume and checkpoint.found(folder.checkpoints) and folder.config.is_file():
@@ -226,17 +233,44 @@ def check_stages(config: Mapping[str, Any]) -> None:
             raise DomainError(f"{domain.name}: curriculum.stages names it twice: the stages' names must differ")
 
 
+def check_plug_ins(config: Mapping[str, Any]) -> None:
+    """Refuse plug-ins that cannot be had, or fail at once: in the first step of an environment.
+
+    Raises:
+        PluginError: as said.
+    """
+    for spec in config["evaluation"]["metrics"]:
+        user_metric(spec)
+    callbacks_named(config)
+    supplies = [source(stage) for stage in config["curriculum"]["stages"]]
+    for supply in supplies:
+        if isinstance(supply, UserDomains):
+            supply.held_out(1)
+    own = plug_ins(config)
+    if own != NONE:
+        parameters = meshing_parameters(config)
+        env = wrapped(own.wrappers, domain=supplies[:1], parameters=parameters, reward=own.reward, observe=own.observe)
+        env.reset(seed=0)
+        env.step(np.zeros(parameters.action_size, dtype=np.float32))
+        env.close()
+
+
 def check_unchanged(folder: RunFolder, config: Mapping[str, Any]) -> None:
     """Refuse to go on with other `FIXED` settings than the run began with.
 
     Raises:
         RunError: one differs.
     """
-    before, now = flatten(load_config([folder.config])), flatten(config)
+    recorded, now = read_plain(folder.config), flatten(config)
+    if isinstance(recorded, dict) and recorded.get("algorithm") != config["algorithm"]:
+        before = recorded  # one that is a user's own is not imported for this
+        now = {"algorithm": config["algorithm"]}
+    else:
+        before = flatten(load_config([folder.config]))
     for key, value in now.items():
-        if key.startswith(FIXED) and before[key] != value:
+        if key.startswith(FIXED) and before.get(key) != value:
             raise RunError(
-                f"{folder.path} was begun with {key} = {before[key]}, not {value}: go on with the same, "
+                f"{folder.path} was begun with {key} = {before.get(key)}, not {value}: go on with the same, "
                 "or --set name=OTHER to begin another"
             )
 
@@ -253,7 +287,7 @@ def conclude(training: Training) -> Run:
         PluginError: a callback raised.
     """
     folder = training.folder
-    policy = Policy.load(folder.policy)
+    policy = replace(Policy.load(folder.policy, altered=True), plug_ins=plug_ins(training.config))
     stages = []
     for stage in training.config["curriculum"]["stages"]:
         training.leave_if_told()

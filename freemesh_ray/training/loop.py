@@ -12,11 +12,12 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
 from envs.domains.load import source
+from envs.errors import PluginError
 from envs.plug_in import NONE
 from freemesh_ray.algorithms.awake import awake
 from freemesh_ray.algorithms.cut import Cut
@@ -220,7 +221,7 @@ class Training:
             KeyboardInterrupt: ``interrupted`` said so; everything up to then is in a checkpoint.
             Exception: whatever the algorithm raised; everything up to the last checkpoint is in it.
             OutputError: the last checkpoint, or what goes with it, cannot be written.
-            PluginError: a callback raised; everything up to then is in a checkpoint.
+            PluginError: a callback raised, or another plug-in failed; everything up to then is in a checkpoint.
         """
         self._clock = awake()
         progress = self.progress
@@ -232,6 +233,8 @@ class Training:
                     self.evaluate()
             except Cut:
                 self._catch_up()
+            except PluginError as error:
+                self._leave_for(error)
             if progress.env_steps - max(0, self._tried_at) >= self.config["checkpoint"]["interval"]:
                 try:
                     self.save()
@@ -239,8 +242,12 @@ class Training:
                     self._note(f"{error}; training goes on, the next is tried later")
             self.leave_if_told()
         if progress.evaluated_at < progress.env_steps or progress.best is None:
-            with suppress(Cut):
+            try:
                 self.evaluate()
+            except Cut:
+                pass
+            except PluginError as error:
+                self._leave_for(error)
         self.save()
         self.leave_if_told()
 
@@ -252,6 +259,21 @@ class Training:
         """
         self.callbacks.tell("on_start", self)
         self.callbacks.check()
+
+    def _leave_for(self, error: PluginError) -> NoReturn:
+        """Save a checkpoint, and raise the error of a plug-in with where to go on from.
+
+        Raises:
+            PluginError: as said.
+        """
+        self._catch_up()
+        if not self.progress.env_steps:
+            raise error
+        try:
+            path = self.save()
+        except OutputError as lost:
+            raise PluginError(f"{error}; {lost}") from error
+        raise PluginError(f"{error}; --resume goes on from {path}") from error
 
     def leave_if_told(self) -> None:
         """Save a checkpoint, if there is none of this moment, where ``interrupted`` says so or a callback raised.

@@ -31,7 +31,7 @@ class Run:
     @cached_property
     def policy(self) -> Policy:
         """The best policy, that of ``folder.policy``."""
-        return Policy.load(self.folder.policy)
+        return Policy.load(self.folder.policy, altered=True)
 
     @cached_property
     def evaluations(self) -> list[dict[str, Any]]:
