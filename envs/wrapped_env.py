@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.vector import SyncVectorEnv
 
 from envs.errors import PluginError
-from envs.mesh_env import MeshEnv, Task
+from envs.mesh_env import MeshEnv, Task, ending
 from envs.plug_in import PlugIn, subclass
 
 KEY = "env.wrappers"
@@ -49,6 +49,8 @@ class Guard(gym.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
         """
         observation, reward, terminated, truncated, info = self._call(self.env.step, 5, action)
         number = self._all.as_number(reward)
+        if terminated or truncated:  # by a wrapper, perhaps
+            info = {**ending(base(self).episodes, 0), **info}
         return self._observation(observation), number, bool(terminated), bool(truncated), info
 
     def _call(self, function: Any, count: int, *arguments: Any, **options: Any) -> tuple[Any, ...]:
