@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +153,8 @@ class Policy:
 
         Args:
             path: a file that `save` wrote.
-            altered: also one that plug-ins keep from compiled meshing.
+            altered: also one that plug-ins keep from compiled meshing, and with the names of its plug-ins; else a file
+                cannot name what is imported.
 
         Raises:
             PolicyError: no such file, not a policy, or one that plug-ins keep from compiled meshing.
@@ -171,9 +172,10 @@ class Policy:
             raise PolicyError(
                 f"{path}: not a policy file ({reason}); give the policy.npz that a training wrote"
             ) from error
-        if not altered:
-            check_unaltered(policy, str(path))
-        return policy
+        if altered:
+            return policy
+        check_unaltered(policy, str(path))
+        return replace(policy, plug_ins=NONE)
 
 
 def check_unaltered(policy: Policy, name: str = "the policy") -> None:

@@ -7,6 +7,7 @@ import logging
 import random
 import shlex
 import shutil
+import subprocess
 import threading
 import zipfile
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from plugged import modules
 from processes import ROOT, free_port
 from ray._private.runtime_env import packaging
 
@@ -90,6 +92,44 @@ def test_the_runtime_environment_is_the_declared_one_and_says_where_things_lie(
     ours = {"FREEMESH_HOME": "/shared", "MLFLOW_TRACKING_URI": "http://mlflow:5000", "FREEMESH_COMMIT": "c" * 40}
     assert variables(line) == declared["env_vars"] | ours
     assert not {"FREEMESH_HOME", "MLFLOW_TRACKING_URI"} & set(variables(printed(capsys, "--", "train")))
+
+
+def test_plug_ins_that_the_checkout_does_not_bring_are_uploaded_beside_it(
+    checkout: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = "def reward(step): return step.reward\n"
+    elsewhere = checkout.parent / "elsewhere"
+    places = {
+        "plugged_a": checkout / "plugged_a.py",  # goes with the checkout
+        "plugged_b": checkout / "mine" / "plugged_b.py",  # beside the settings
+        "plugged_c": elsewhere / "plugged_c.py",
+        "plugged_d": elsewhere / "plugged_d" / "__init__.py",
+        "plugged_e": checkout / "plugged_e.py",  # ignored
+    }
+    for place in places.values():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(source)
+    (checkout / "mine" / "own.yaml").write_text("name: own\n")
+    subprocess.run(["git", "init", "--quiet"], cwd=checkout, check=True)
+    (checkout / ".gitignore").write_text("plugged_e.py\n")
+    monkeypatch.syspath_prepend(str(elsewhere))
+    beside = {}
+    with modules(elsewhere):
+        for name in places:
+            line = printed(capsys, "--", "train", "--config", "mine/own.yaml", "--set", f"env.reward={name}:reward")
+            beside[name] = json.loads(value(line, "--runtime-env-json")).get("py_modules", [])
+        assert command.main(["submit", "--print", "--", "train", "--set", "env.reward=plugged_f:reward"]) == 2
+        assert "env.reward: plugged_f:reward: no module plugged_f: put plugged_f.py into" in capsys.readouterr().err
+    found = {
+        name: [Path(each).relative_to(checkout.parent.resolve()) for each in found] for name, found in beside.items()
+    }
+    assert found == {
+        "plugged_a": [],
+        "plugged_b": [Path("checkout/mine/plugged_b.py")],
+        "plugged_c": [Path("elsewhere/plugged_c.py")],
+        "plugged_d": [Path("elsewhere/plugged_d")],
+        "plugged_e": [Path("checkout/plugged_e.py")],
+    }
 
 
 def test_every_variable_is_text(tmp_path: Path) -> None:

@@ -11,7 +11,9 @@ import yaml
 from checkout import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
+from plugged import modules
 
+from envs.errors import PluginError
 from freemesh_ray import config
 from freemesh_ray.cli.command import main
 from freemesh_ray.config import SCHEMA, SHORTHANDS, ConfigError
@@ -240,6 +242,35 @@ def test_a_run_s_identity_is_all_that_decides_its_result(key: str):
 def test_another_source_is_another_run():
     assert plan.identity(config.load(), "one") != plan.identity(config.load(), "two")
     assert len(plan.identity(config.load(), "one")) == 12
+
+
+def test_another_plug_in_is_another_run(tmp_path: Path):
+    with modules(tmp_path) as write:
+        module = write("def reward(step): return step.reward\n")
+        tree = config.load([], [f"env.reward={module}:reward"])
+        before = plan.identity(tree, "one")
+        assert plan.identity(tree, "one") == before != plan.identity(config.load(), "one")
+        (tmp_path / f"{module}.py").write_text("def reward(step): return 2 * step.reward\n")
+        assert plan.identity(tree, "one") != before
+
+
+def test_the_algorithm_of_a_user_s_has_its_settings_in_every_part_of_a_study(tmp_path: Path):
+    source = (
+        "from freemesh_ray.config import Algorithm, Field, Hyperparameter\n"
+        "MINE = Algorithm('nowhere:Config', {'speed': Hyperparameter(0.5, Field(float, 0, 1))})\n"
+    )
+    with modules(tmp_path) as write:
+        module = write(source)
+        text = (
+            "study:\n  title: Mine\n  seeds: [1]\n  variants:\n    sac: {algorithm: sac}\n"
+            "    fast: {algorithm: MINE, mine.speed: 1}\nsettings: {mine.speed: 0.25}\n"
+        )
+        path = written(text.replace("MINE,", f"'{module}:MINE',"), tmp_path)
+        study = load(path)
+        assert [study.trial_config(label, 1)["mine"]["speed"] for label in ("sac", "fast")] == [0.25, 1.0]
+        assert study.trial_config("fast", 1)["algorithm"] == f"{module}:MINE"
+    with modules(tmp_path / "elsewhere"), pytest.raises(PluginError, match=f"no module {module}"):
+        load(path, beside=False)
 
 
 def test_a_variant_s_settings_win_over_the_study_s(tmp_path: Path):
