@@ -9,11 +9,25 @@ from __future__ import annotations
 import torch
 
 from freemesh_ray.algorithms.networks import Mlp, above_zero
+from freemesh_ray.algorithms.onednn import available as onednn_available
+from freemesh_ray.algorithms.onednn import layer as onednn_layer
 
 
 def native() -> bool:
     """Whether this processor multiplies bfloat16 numbers itself (AVX512-BF16 or AMX); others imitate it, slowly."""
     return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
+
+
+def _relu(x: torch.Tensor) -> torch.Tensor:
+    """ReLU in place: a bfloat16 number is below 0 where its 16 bits are, as an integer, which takes a third."""
+    x.view(torch.int16).clamp_min_(0)
+    return x
+
+
+def _above_zero(gradient: torch.Tensor, output: torch.Tensor) -> torch.Tensor:
+    """`above_zero` of bfloat16 numbers, by their bits, in half the time."""
+    above_zero(gradient.view(torch.int16), output.view(torch.int16))
+    return gradient
 
 
 class Bfloat16Mlp:
@@ -30,6 +44,7 @@ class Bfloat16Mlp:
         hidden = len(network.weights) - 1
         self._weights, self._biases = self._rounded[:hidden], self._rounded[hidden:]
         self._stacked = bool(network.lead)
+        self._fused = not self._stacked and network.weights[0].device.type == "cpu" and onednn_available()
 
     def refresh(self) -> None:
         """Read the weights, after they have changed."""
@@ -46,9 +61,12 @@ class Bfloat16Mlp:
         network = self._network
         values = [x.to(torch.bfloat16).expand(*network.lead, *x.shape)]
         for weight, bias in zip(self._weights, self._biases, strict=True):
-            values.append(network.layer(bias, values[-1], weight).relu_())
+            values.append(self._layer(bias, values[-1], weight))
         last = values[-1].to(network.weights[-1].dtype)
         return [*values, last, network.last(last)]
+
+    def _layer(self, bias: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+        return onednn_layer(bias, x, weight) if self._fused else _relu(self._network.layer(bias, x, weight))
 
     @torch.no_grad()
     def backward(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> list[torch.Tensor]:
@@ -63,7 +81,7 @@ class Bfloat16Mlp:
         biases = [gradient.sum(dim=-2, keepdim=self._stacked)]
         passed = network.before_last(gradient).to(torch.bfloat16)
         for i in range(len(self._weights) - 1, -1, -1):
-            gradient = above_zero(passed, trace[i + 1])
+            gradient = _above_zero(passed, trace[i + 1])
             weights.append(network.product(trace[i].mT, gradient).to(full))
             biases.append(gradient.sum(dim=-2, keepdim=self._stacked, dtype=full))
             if i:
@@ -76,6 +94,6 @@ class Bfloat16Mlp:
         network, full = self._network, gradient.dtype
         gradient = network.before_last(gradient).to(torch.bfloat16)
         for i in range(len(self._weights) - 1, -1, -1):
-            gradient = network.product(above_zero(gradient, trace[i + 1]), self._weights[i].mT)
+            gradient = network.product(_above_zero(gradient, trace[i + 1]), self._weights[i].mT)
         gradient = gradient.to(full)
         return gradient.sum(dim=0) if self._stacked else gradient

@@ -28,7 +28,7 @@ def _uniform(shape: Sequence[int], inputs: int) -> nn.Parameter:
 
 def above_zero(gradient: torch.Tensor, output: torch.Tensor) -> torch.Tensor:
     """The gradient of a hidden layer's output, in place 0 where that is not above 0."""
-    return torch.ops.aten.threshold_backward.grad_input(gradient, output, 0.0, grad_input=gradient)
+    return torch.ops.aten.threshold_backward.grad_input(gradient, output, 0, grad_input=gradient)
 
 
 class Mlp(nn.Module):

@@ -12,7 +12,7 @@ descends along the mean of all learners' gradients.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -25,7 +25,13 @@ from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
 from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 from freemesh_ray.algorithms.networks import Mlp
+from freemesh_ray.algorithms.onednn import OneDnnMlp
+from freemesh_ray.algorithms.onednn import available as onednn_available
 
+#: A network as a written-out step evaluates it.
+Evaluated = Mlp | OneDnnMlp | Bfloat16Mlp
+#: What tells each figure of a step.
+Figures = dict[str, Callable[[], torch.Tensor]]
 #: Column of a batch: ``Transitions.steps``.
 STEPS = "steps"
 
@@ -45,6 +51,11 @@ class Minibatch(NamedTuple):
     next_obs: torch.Tensor
     discounts: torch.Tensor
     noise: torch.Tensor
+
+
+def on_cpu(tensor: torch.Tensor) -> bool:
+    """Whether it is of float32 numbers in the processor's memory, which compiled kernels can read."""
+    return tensor.device.type == "cpu" and tensor.dtype == torch.float32
 
 
 class OffPolicyLearner(ConfiguredLearner):
@@ -88,20 +99,21 @@ class OffPolicyLearner(ConfiguredLearner):
         """
         return 2
 
-    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
-        """One gradient step on one minibatch; figures by name, losses ending in ``_loss``.
+    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> Figures:
+        """One gradient step on one minibatch; what tells its figures by name, losses ending in ``_loss``.
 
-        Nothing is read from the learner's device, which would wait for what is queued on it.
+        Nothing is read from the learner's device, which would wait for what is queued on it. Figures are worked out
+        when they are asked for: only the last minibatch's are.
         """
         module = self._module[module_id]
         optimised = self.optimised(module, config)
-        figures = {}
+        figures: Figures = {}
         rounded = torch.autocast(self._device.type, torch.bfloat16, self._rounds, cache_enabled=False)
         with torch.enable_grad(), rounded:
             for name, loss in self.losses(module, config, minibatch):
                 parameters = optimised[name][0]
                 self._descend(module_id, name, parameters, torch.autograd.grad(loss, parameters))
-                figures[f"{name}_loss"] = loss.detach()
+                figures[f"{name}_loss"] = loss.detach
         if "actor_loss" in figures or not self.TARGETS_WAIT:
             self._follow(module_id, config)
         return figures
@@ -114,14 +126,17 @@ class OffPolicyLearner(ConfiguredLearner):
             torch._foreach_lerp_(list(target.parameters()), list(network.parameters()), config.tau)
             self._networks(module_id)[f"target_{name}"].refresh()
 
-    def _networks(self, module_id: str) -> dict[str, Mlp | Bfloat16Mlp]:
+    def _networks(self, module_id: str) -> dict[str, Evaluated]:
         """The module's networks by name, as a written-out step evaluates them."""
         if module_id not in self._evaluated:
             networks = {name: part for name, part in self._module[module_id].named_children() if isinstance(part, Mlp)}
-            self._evaluated[module_id] = {
-                name: Bfloat16Mlp(network) if self._rounds else network for name, network in networks.items()
-            }
+            self._evaluated[module_id] = {name: self._as_evaluated(network) for name, network in networks.items()}
         return self._evaluated[module_id]
+
+    def _as_evaluated(self, network: Mlp) -> Evaluated:
+        if self._rounds:
+            return Bfloat16Mlp(network)
+        return OneDnnMlp(network) if on_cpu(network.weights[0]) and onednn_available() else network
 
     def configure_optimizers_for_module(self, module_id: str, config: AlgorithmConfig | None = None) -> None:
         """One fused Adam for each of ``optimised``."""
@@ -136,7 +151,7 @@ class OffPolicyLearner(ConfiguredLearner):
 
     def build(self) -> None:
         """Build module, optimizers and the source of the steps' noise."""
-        self._evaluated: dict[str, dict[str, Mlp | Bfloat16Mlp]] = {}
+        self._evaluated: dict[str, dict[str, Evaluated]] = {}
         #: Whether products are of bfloat16 numbers.
         self._rounds = self.config.precision == "bfloat16"
         super().build()
@@ -181,12 +196,11 @@ class OffPolicyLearner(ConfiguredLearner):
             discounts = config.gamma ** rows[STEPS] * (1.0 - rows[Columns.TERMINATEDS])
             columns = [aligned(column).split(size) for column in (*(rows[name] for name in names), discounts)]
             columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))
-            figures: dict[str, torch.Tensor] = {}
+            figures: Figures = {}
             for minibatch in map(Minibatch, *columns):
                 self._steps += 1
                 figures |= self._step(module_id, config, minibatch)
-            # Those of the last minibatch: reducing every one's would cost as much as an optimizer.
-            means = torch.stack([figure.mean() for figure in figures.values()]).tolist()
+            means = torch.stack([figure().mean() for figure in figures.values()]).tolist()
             values = self._told = self._told | dict(zip(figures, means, strict=True))
             self.metrics.log_dict(values, key=module_id, window=1)
             losses[module_id] = torch.tensor(sum(values[name] for name in values if name.endswith("_loss")))

@@ -10,8 +10,8 @@ from typing import Any
 
 import torch
 
-from freemesh_ray.algorithms import squashed_gaussian
-from freemesh_ray.algorithms.off_policy_learner import Minibatch, OffPolicyLearner
+from freemesh_ray.algorithms import compiled_gaussian, squashed_gaussian
+from freemesh_ray.algorithms.off_policy_learner import Figures, Minibatch, OffPolicyLearner, on_cpu
 from freemesh_ray.algorithms.sac_module import SACModule
 
 
@@ -42,7 +42,7 @@ class SACLearner(OffPolicyLearner):
         if turn:
             yield "actor", (alpha * log_pi - module.q(obs, new_actions).amin(dim=0)).mean()
 
-    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
+    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> Figures:
         """The same with its gradients written out."""
         obs, actions, rewards, next_obs, discounts, noise = minibatch
         module: SACModule = self._module[module_id]
@@ -52,21 +52,22 @@ class SACLearner(OffPolicyLearner):
         target_entropy = -float(actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
         size = len(obs)
         turn = self._steps % config.policy_delay == 0
-        figures = {"alpha": alpha}
+        gaussian = compiled_gaussian if on_cpu(obs) else squashed_gaussian
+        figures: Figures = {"alpha": lambda: alpha}
 
         # The actor at s and s' in one pass; only at s' where it is not its turn
         if turn:
             trace = actor.trace(torch.cat([obs, next_obs]))
-            drawn, log_density = squashed_gaussian.sample(trace[-1], noise.flatten(0, 1))
+            drawn, log_density = gaussian.sample(trace[-1], noise.flatten(0, 1))
         else:
-            drawn, log_density = squashed_gaussian.sample(actor(next_obs), noise[1])
+            drawn, log_density = gaussian.sample(actor(next_obs), noise[1])
         next_actions, next_log_pi = drawn[-size:], log_density[-size:]
 
         # J(alpha)
         if turn:
             new_actions, log_pi = drawn[:size], log_density[:size]
             alpha_gradient = -(log_pi.mean() + target_entropy).reshape(1)
-            figures |= {"alpha_loss": module.log_alpha * alpha_gradient, "log_pi_mean": log_pi}
+            figures |= {"alpha_loss": lambda: alpha.log() * alpha_gradient, "log_pi_mean": lambda: log_pi}
             self._descend(module_id, "alpha", [module.log_alpha], [alpha_gradient])
 
         # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
@@ -76,7 +77,10 @@ class SACLearner(OffPolicyLearner):
         residual = critic_trace[-1] - target.unsqueeze(1)
         critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
         self._descend(module_id, "critic", critic_parameters, critic.backward(critic_trace, residual / size))
-        figures |= {"critic_loss": 0.5 * residual.square().sum() / size, "q_mean": critic_trace[-1]}
+        figures |= {
+            "critic_loss": lambda: 0.5 * residual.square().sum() / size,
+            "q_mean": lambda: critic_trace[-1],
+        }
 
         # J(phi), with the critics just updated: alpha log pi - min Q, the gradient through the smaller critic only
         if turn:
@@ -85,10 +89,10 @@ class SACLearner(OffPolicyLearner):
             d_q = torch.zeros_like(q_trace[-1]).scatter_(0, smaller, -1.0 / size)
             d_action = critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
             actor_trace = [part[:size] for part in trace]
-            d_outputs = squashed_gaussian.backward(actor_trace[-1], noise[0], new_actions, d_action, alpha / size)
+            d_outputs = gaussian.backward(actor_trace[-1], noise[0], new_actions, d_action, alpha / size)
             actor_parameters: list[torch.Tensor] = list(module.actor.parameters())
             self._descend(module_id, "actor", actor_parameters, actor.backward(actor_trace, d_outputs))
-            figures["actor_loss"] = alpha * log_pi.mean() - q_new.mean()
+            figures["actor_loss"] = lambda: alpha * log_pi.mean() - q_new.mean()
 
         self._follow(module_id, config)
         return figures

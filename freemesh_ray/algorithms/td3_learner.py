@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from freemesh_ray.algorithms.off_policy_learner import Minibatch, OffPolicyLearner
+from freemesh_ray.algorithms.off_policy_learner import Figures, Minibatch, OffPolicyLearner
 from freemesh_ray.algorithms.td3_module import TD3Module
 
 
@@ -39,7 +39,7 @@ class TD3Learner(OffPolicyLearner):
         if self._steps % config.policy_delay == 0:
             yield "actor", -module.q(obs, module.actor(obs).tanh())[0].mean()
 
-    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> dict[str, torch.Tensor]:
+    def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> Figures:
         """The same with its gradients written out."""
         obs, actions, rewards, next_obs, discounts, noise = minibatch
         module: TD3Module = self._module[module_id]
@@ -59,7 +59,10 @@ class TD3Learner(OffPolicyLearner):
         residual = critic_trace[-1] - target.unsqueeze(1)
         d_q = residual * (2.0 / size)
         self._descend(module_id, "critic", critic_parameters, critic.backward(critic_trace, d_q))
-        figures = {"critic_loss": residual.square().sum() / size, "q_mean": critic_trace[-1]}
+        figures: Figures = {
+            "critic_loss": lambda: residual.square().sum() / size,
+            "q_mean": lambda: critic_trace[-1],
+        }
 
         if self._steps % config.policy_delay:
             return figures
@@ -76,4 +79,4 @@ class TD3Learner(OffPolicyLearner):
         self._descend(module_id, "actor", actor_parameters, actor.backward(actor_trace, d_outputs))
 
         self._follow(module_id, config)
-        return figures | {"actor_loss": -q_trace[-1][0].mean()}
+        return figures | {"actor_loss": lambda: -q_trace[-1][0].mean()}

@@ -23,8 +23,9 @@ def algorithm(
     batch: int = BATCH_SIZE,
     seed: int = 0,
     warmup: int = 1000,
+    **settings: Any,
 ) -> Any:
-    """Our SAC on the measurement's domain, on the CPU."""
+    """Our SAC on the measurement's domain, on the CPU; with other ``settings`` of its training, see OffPolicyConfig."""
     from freemesh_ray.algorithms.environment import register
     from freemesh_ray.algorithms.sac import SACConfig
 
@@ -39,6 +40,7 @@ def algorithm(
             updates_per_step=RATIO,
             initial_alpha=1.0,  # as Stable-Baselines3 begins
             train_batch_size_per_learner=batch // max(1, learners),
+            **settings,
         )
         .debugging(seed=seed, log_level="ERROR")
         .build_algo()

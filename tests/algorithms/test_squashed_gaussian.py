@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 from torch.distributions import Independent, Normal, TanhTransform, TransformedDistribution
 
-from freemesh_ray.algorithms import squashed_gaussian
+from freemesh_ray.algorithms import compiled_gaussian, squashed_gaussian
 from freemesh_ray.algorithms.squashed_gaussian import SquashedGaussian
 
 
@@ -49,3 +50,20 @@ def test_deterministic_is_the_squashed_mean() -> None:
 def test_log_std_is_clamped() -> None:
     _, log_std = squashed_gaussian.split(torch.tensor([[0.0, -100.0], [0.0, 100.0]]))
     assert log_std.flatten().tolist() == [-20.0, 2.0]
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 10.0, 40.0])
+@pytest.mark.parametrize("turned", [False, True])
+def test_compiled_it_is_the_same(scale: float, turned: bool) -> None:
+    """Also where means are tiny or far out, deviations are clamped, and the network's output lies column by column."""
+    generator = torch.Generator().manual_seed(2)
+    out = scale * torch.randn(6, 256, generator=generator).T
+    noise, d_action = (torch.randn(256, 3, generator=generator) for _ in range(2))
+    out = out if turned else out.contiguous()
+    found, expected = compiled_gaussian.sample(out, noise), squashed_gaussian.sample(out.double(), noise.double())
+    for ours, theirs in zip(found, expected, strict=True):
+        torch.testing.assert_close(ours.double(), theirs, rtol=1e-5, atol=1e-5)
+    d_log_pi = torch.tensor([0.3])
+    exact = (out.double(), noise.double(), expected[0], d_action.double(), d_log_pi.double())
+    gradient = compiled_gaussian.backward(out, noise, found[0], d_action, d_log_pi)
+    torch.testing.assert_close(gradient.double(), squashed_gaussian.backward(*exact), rtol=1e-4, atol=1e-4)
