@@ -11,6 +11,7 @@ from ray.rllib.core.rl_module.apis import InferenceOnlyAPI
 from ray.rllib.core.rl_module.torch.torch_rl_module import TorchRLModule
 
 from freemesh_ray.algorithms import squashed_gaussian
+from freemesh_ray.algorithms.layer_norm import LayerNormMlpStack
 from freemesh_ray.algorithms.networks import Mlp, MlpStack
 from freemesh_ray.algorithms.normaliser import Normaliser
 from freemesh_ray.algorithms.squashed_gaussian import SquashedGaussian
@@ -20,7 +21,8 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
     """pi_phi, a squashed Gaussian; its critics Q_theta1 .. Q_thetak; and the targets of the critics.
 
     ``model_config``: ``hidden``, the units of each hidden layer of every network; ``critics``, k; ``normalise``,
-    whether the networks see normalised observations (``seen``); and the settings of the algorithm's section in a
+    whether the networks see normalised observations (``seen``); ``layer_norm``, whether the critics' hidden layers are
+    normalised; and the settings of the algorithm's section in a
     configuration.
     """
 
@@ -41,7 +43,8 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
         self.normaliser = Normaliser(observation_size) if self.model_config.get("normalise") else None
         self.actor = self.ACTOR(observation_size, hidden, self.OUTPUTS * action_size)
         if not self.inference_only:
-            self.critic = self.CRITIC(critics, observation_size + action_size, hidden, 1)
+            stack = LayerNormMlpStack if self.model_config.get("layer_norm") else self.CRITIC
+            self.critic = stack(critics, observation_size + action_size, hidden, 1)
             for name in self.TARGETED:
                 setattr(self, f"target_{name}", copy.deepcopy(getattr(self, name)).requires_grad_(False))
         self.action_dist_cls = SquashedGaussian

@@ -133,8 +133,10 @@ class CrossQConfig(OffPolicyConfig):
         """OffPolicyConfig's.
 
         Raises:
-            ConfigError: several learners, whose shares of a batch would be normalised apart.
+            ConfigError: several learners, whose shares of a batch would be normalised apart, or layer normalisation.
         """
+        if config["learner"]["layer_norm"]:
+            raise ConfigError("learner.layer_norm = true: crossq's critics are normalised by their batches: set false")
         if config["learner"]["count"] > 1:
             count = config["learner"]["count"]
             raise ConfigError(f"learner.count = {count}: crossq normalises whole batches: use 0 or 1")

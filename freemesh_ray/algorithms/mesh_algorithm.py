@@ -301,7 +301,7 @@ class MeshAlgorithm(Algorithm):
 
     def critic_weights(self) -> list[tuple[Any, Any]]:
         """(weight (critics, inputs, outputs), bias (critics, outputs)) of each layer of the action-value critics,
-        float32; empty where there are none.
+        float32; empty where there are none of plain layers.
         """
         return self._weights("critic", inference_only=False)
 
@@ -315,6 +315,8 @@ class MeshAlgorithm(Algorithm):
 
     def _layers(self, module: Mapping[str, Any], network: str) -> list[tuple[Any, Any]]:
         """A network's layers, as those of a plain one, from the state of its module."""
+        if any(name.startswith(f"{network}.layer_norms") for name in module):
+            return []
         count = sum(name.startswith(f"{network}.weights") for name in module)
         weights, biases = ([module[f"{network}.{part}.{i}"] for i in range(count)] for part in ("weights", "biases"))
         # A stack's biases are (k, 1, outputs).

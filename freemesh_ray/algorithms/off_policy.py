@@ -28,14 +28,15 @@ class OffPolicyConfig(MeshConfig):
     Besides MeshConfig's settings: ``replay_buffer_config``, ``tau``, ``actor_lr`` and ``critic_lr`` as RLlib's SAC has
     them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates),
     ``precision`` (of the factors of the networks' products: float32 or bfloat16), ``n_step`` (steps of a return),
-    ``normalise_observations``, and those of the algorithm's section in a configuration, with their defaults.
+    ``normalise_observations``, ``layer_norm`` (of the critics), and those of the algorithm's section in a
+    configuration, with their defaults.
 
     A subclass says its name and its learner; what else it may change is below.
     """
 
     OWN = (
         *MeshConfig.OWN, "replay_buffer_config", "tau", "actor_lr", "critic_lr", "updates_per_step", "warmup_steps",
-        "precision", "n_step", "normalise_observations",
+        "precision", "n_step", "normalise_observations", "layer_norm",
     )  # fmt: skip
     #: In `ALGORITHMS`, where its settings are.
     NAME: str
@@ -54,6 +55,7 @@ class OffPolicyConfig(MeshConfig):
         self.precision = "float32"
         self.n_step = 1
         self.normalise_observations = False
+        self.layer_norm = False
         self.rollout_fragment_length = 8
         for name, setting in self._section().items():
             setattr(self, name, setting.default)
@@ -82,6 +84,7 @@ class OffPolicyConfig(MeshConfig):
             precision=learner["precision"],
             n_step=learner["n_step"],
             normalise_observations=learner["normalise_observations"],
+            layer_norm=learner["layer_norm"],
             **config[self.NAME],
         )
 
@@ -109,6 +112,7 @@ class OffPolicyConfig(MeshConfig):
             "hidden": list(self.hidden),
             "critics": self.CRITICS,
             "normalise": self.normalise_observations,
+            "layer_norm": self.layer_norm,
         }
         return RLModuleSpec(module_class=self.MODULE, model_config=networks | own)
 

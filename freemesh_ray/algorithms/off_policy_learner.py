@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -197,9 +198,11 @@ class OffPolicyLearner(ConfiguredLearner):
             columns = [aligned(column).split(size) for column in (*(rows[name] for name in names), discounts)]
             columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))
             figures: Figures = {}
+            # With layer normalisation by automatic differentiation: no step is written out for it.
+            step = partial(OffPolicyLearner._step, self) if config.layer_norm else self._step
             for minibatch in map(Minibatch, *columns):
                 self._steps += 1
-                figures |= self._step(module_id, config, minibatch)
+                figures |= step(module_id, config, minibatch)
             means = torch.stack([figure().mean() for figure in figures.values()]).tolist()
             values = self._told = self._told | dict(zip(figures, means, strict=True))
             self.metrics.log_dict(values, key=module_id, window=1)

@@ -40,6 +40,7 @@ SCHEMA: dict[str, Field] = {
     "learner.n_step": Field(int, 1, 100),
     "learner.updates_per_step": Field(float, TINY, 100),
     "learner.normalise_observations": Field(bool),
+    "learner.layer_norm": Field(bool),
     "learner.hidden": Field(int, 1, 65536, many=True),
     "learner.warmup_steps": Field(int, 1, 10**9),
     "learner.precision": Field(str, words=("float32", "bfloat16")),

@@ -186,7 +186,10 @@ def tags(config: Mapping[str, Any]) -> dict[str, str]:
 
 
 #: What a run cannot change when it goes on: its experience and its networks are of these.
-FIXED = ("algorithm", "env.", "learner.hidden", "curriculum.stages")
+FIXED = (
+    "algorithm", "env.", "learner.hidden", "learner.layer_norm", "learner.normalise_observations", "learner.n_step",
+    "curriculum.stages",
+)  # fmt: skip
 
 
 def prepare(config: Mapping[str, Any], resume: bool) -> None:

@@ -94,7 +94,12 @@ def test_nothing_is_left_in_the_user_s_home(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("name", "settings"), [*((name, ()) for name in NAMES), ("sac", ("learner.normalise_observations=true",))]
+    ("name", "settings"),
+    [
+        *((name, ()) for name in NAMES),
+        ("sac", ("learner.normalise_observations=true",)),
+        ("sac", ("learner.layer_norm=true",)),
+    ],
 )
 def test_what_is_exported_acts_as_the_module_does(name: str, settings: tuple[str, ...]) -> None:
     algorithm = make(name, *settings)
@@ -107,7 +112,8 @@ def test_what_is_exported_acts_as_the_module_does(name: str, settings: tuple[str
         seen = module.seen(torch.from_numpy(obs)) if settings else torch.from_numpy(obs)
         expected = module.actor(seen)[:, :3].tanh().numpy()
     np.testing.assert_allclose(policy.act(obs, False, np.random.default_rng(0)), expected, atol=1e-5)
-    assert [weight.shape[0] for weight, _ in policy.critic[:1]] == {"ddpg": [1], "ppo": []}.get(name, [2])
+    plain = [] if "learner.layer_norm=true" in settings else [2]
+    assert [weight.shape[0] for weight, _ in policy.critic[:1]] == {"ddpg": [1], "ppo": []}.get(name, plain)
     found = algorithm.evaluate()
     assert set(found) == {"deterministic", "stochastic"}
     assert all(np.isfinite(list(figures.values())).all() for kind in found.values() for figures in kind.values())
@@ -132,7 +138,7 @@ def test_the_export_explores_as_the_training_does_in_the_middle(name: str) -> No
     [
         *((name, ()) for name in NAMES if name not in ON_POLICY),
         ("sac", ("learner.n_step=3", "learner.precision=bfloat16", "sac.policy_delay=2")),
-        ("td3", ("learner.normalise_observations=true", "learner.n_step=2")),
+        ("td3", ("learner.normalise_observations=true", "learner.n_step=2", "learner.layer_norm=true")),
     ],
 )
 def test_a_restored_training_goes_on_as_the_original(name: str, settings: tuple[str, ...], tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ STUDIES = {
     "search": 1, "population": 1,
 }  # fmt: skip
 #: Those that are not of the paper.
-OURS = {"learner": 40}
+OURS = {"learner": 40, "methods": 80}
 GOOD = """study:
   title: A test
   seeds: [1, 2]
