@@ -17,6 +17,7 @@ from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner
 from freemesh_ray.algorithms.environment import create, register
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
 from freemesh_ray.config import ALGORITHMS, algorithm_name, meshing_parameters, plug_ins, plug_ins_named
+from freemesh_ray.config.runners import runner_count
 
 Config = Mapping[str, Any]
 #: Seconds that another process gets to say what is wrong with a plug-in there.
@@ -51,7 +52,7 @@ def configured(config: Config) -> MeshConfig:
         config_class(config["algorithm"])()
         .configure(config)
         .environment(register(), env_config={"domain": domains, "parameters": meshing_parameters(config), **own})
-        .env_runners(num_env_runners=runners["count"], num_envs_per_env_runner=runners["envs_per_runner"])
+        .env_runners(num_env_runners=runner_count(config), num_envs_per_env_runner=runners["envs_per_runner"])
         .learners(
             num_learners=learner["count"],
             num_cpus_per_learner=1,

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, Self
 
 import numpy as np
-import ray
 from ray.rllib.algorithms.algorithm import Algorithm
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
@@ -17,12 +16,13 @@ from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV
 
 from envs.errors import PluginError
 from envs.plug_in import NONE
-from freemesh_ray.algorithms.awake import asleep, awake
+from freemesh_ray.algorithms.awake import awake
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.algorithms.env_runner import Episode, Failure, TransitionEnvRunner
 from freemesh_ray.algorithms.normaliser import folded
 from freemesh_ray.algorithms.process_group import met_by_file
+from freemesh_ray.algorithms.runner_calls import RunnerCalls
 from freemesh_ray.config import ALGORITHMS
 from freemesh_ray.config import Algorithm as AlgorithmEntry
 from freemesh_ray.policies.evaluation import MODES, evaluate, user_metric
@@ -126,6 +126,9 @@ class MeshAlgorithm(Algorithm):
         #: Failures recovered from since the caller last took them, a line each.
         self.incidents: list[str] = []
         self._failures: Counter[int] = Counter()
+        #: To remote env runners; to the one in this process what it is asked for next.
+        self._calls = RunnerCalls(self.env_runner_group._worker_manager, self.config.runner_timeout)
+        self._wanted: tuple[str, dict[str, Any]] | None = None
         #: Since when no env runner answers; None while one does.
         self._silent: float | None = None
         self._probed = time.monotonic()
@@ -137,8 +140,24 @@ class MeshAlgorithm(Algorithm):
         if self._storage:
             super()._setup_logdir()
 
-    def _from_runners(self, method: str, **request: Any) -> list[Any]:
-        """What the env runners answer to a call of ``method``, with the curriculum's task as ``task``.
+    @property
+    def _samples_remotely(self) -> bool:
+        """Whether env runners are processes of their own."""
+        return bool(self.env_runner_group.num_remote_env_runners())
+
+    def _ask_runners(self, method: str, **request: Any) -> None:
+        """Call ``method`` of the env runners, with the curriculum's task as ``task``, for `_from_runners`.
+
+        Remote ones begin at once; the one in this process when its answer is wanted.
+        """
+        request["task"] = None if self.curriculum is None else self.curriculum.task()
+        if self._samples_remotely:
+            self._calls.ask(method, request)
+        else:
+            self._wanted = method, request
+
+    def _from_runners(self) -> list[Any]:
+        """What the env runners answer to `_ask_runners`.
 
         One that dies, raises or does not answer in time is missing from the answers; it is started anew, or begins new
         episodes, while the others go on.
@@ -146,14 +165,21 @@ class MeshAlgorithm(Algorithm):
         Raises:
             EnvRunnerError: one raises again and again, or for ``runner_timeout`` none has answered.
             PluginError: a plug-in failed in one.
-            Cut: it is hurried; nothing was asked.
+            Cut: it is hurried.
         """
         self._leave_if_hurried()
-        request["task"] = None if self.curriculum is None else self.curriculum.task()
-        if self.env_runner_group.num_remote_env_runners() == 0:
+        return self._answers()
+
+    def _answers(self) -> list[Any]:
+        """`_from_runners`, hurried or not."""
+        if self._wanted is not None:
+            (method, request), self._wanted = self._wanted, None
             found = {0: getattr(self.env_runner, method)(**request)}
+        elif self._calls:
+            found = self._calls.answers()
         else:
-            found = self._from_remote(method, request)
+            time.sleep(PAUSE_SECONDS)
+            found = {}
         answers = []
         for runner, answer in found.items():
             if isinstance(answer, Failure):
@@ -174,27 +200,6 @@ class MeshAlgorithm(Algorithm):
     def _leave_if_hurried(self) -> None:
         if self.hurried():
             raise Cut
-
-    def _from_remote(self, method: str, request: dict[str, Any]) -> dict[int, Any]:
-        """Each remote env runner's answer to a call, or its Failure."""
-        manager = self.env_runner_group._worker_manager
-        asked = manager.healthy_actor_ids()
-        if not asked:
-            time.sleep(PAUSE_SECONDS)
-            return {}
-        patience, slept = self.config.runner_timeout, asleep()
-        results = manager.foreach_actor(method, kwargs=request, remote_actor_ids=asked, timeout_seconds=patience)
-        found = {
-            result.actor_id: result.get() if result.ok else Failure("its process died")
-            for result in results.result_or_errors
-        }
-        if asleep() > slept:  # the time ran out while nobody could answer: who has not is asked again
-            return found
-        for runner in set(asked) - set(found):
-            ray.kill(manager.actors()[runner], no_restart=False)
-            manager.set_actor_state(runner, healthy=False)
-            found[runner] = Failure(f"no answer within {patience:g} s")
-        return found
 
     def _failed(self, runner: int, reason: str) -> None:
         """Note a failure.
@@ -260,13 +265,17 @@ class MeshAlgorithm(Algorithm):
                 if name.endswith("loss") and not math.isfinite(loss := float(figure.peek())):
                     raise DivergedError(f"{name} is {loss} at {self.env_steps:,} steps")
 
-    def _publish(self) -> None:
-        """Send the actor to the env runners."""
+    def _publish(self, *, wait: bool = True) -> None:
+        """Send the actor to the env runners, whose later calls then act by it.
+
+        Args:
+            wait: until they have it.
+        """
         with self.metrics.log_time(("timers", "publish")):
             self.env_runner_group.sync_weights(
                 from_worker_or_learner_group=self.learner_group,
                 inference_only=True,
-                timeout_seconds=self.config.runner_timeout,
+                timeout_seconds=self.config.runner_timeout if wait else 0.0,
             )
 
     def evaluate(self, parallel_train_future: Any = None) -> dict[str, Any]:

@@ -9,10 +9,10 @@ import numpy as np
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID, MultiAgentBatch, SampleBatch
-from ray.rllib.utils.metrics import NUM_ENV_STEPS_SAMPLED_LIFETIME
+from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
 from freemesh_ray.algorithms.actor_critic_module import ActorCriticModule
-from freemesh_ray.algorithms.env_runner import Collected
+from freemesh_ray.algorithms.env_runner import Collected, Episode
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
 from freemesh_ray.algorithms.off_policy_learner import STEPS, OffPolicyLearner
 from freemesh_ray.algorithms.replay_buffer import ReplayBuffer, Transitions
@@ -28,15 +28,15 @@ class OffPolicyConfig(MeshConfig):
     Besides MeshConfig's settings: ``replay_buffer_config``, ``tau``, ``actor_lr`` and ``critic_lr`` as RLlib's SAC has
     them, ``updates_per_step`` (gradient steps for each env step), ``warmup_steps`` (uniform actions, no updates),
     ``precision`` (of the factors of the networks' products: float32 or bfloat16), ``n_step`` (steps of a return),
-    ``normalise_observations``, ``layer_norm`` (of the critics), and those of the algorithm's section in a
-    configuration, with their defaults.
+    ``normalise_observations``, ``layer_norm`` (of the critics), ``overlap`` (remote env runners collect while the
+    learner updates), and those of the algorithm's section in a configuration, with their defaults.
 
     A subclass says its name and its learner; what else it may change is below.
     """
 
     OWN = (
         *MeshConfig.OWN, "replay_buffer_config", "tau", "actor_lr", "critic_lr", "updates_per_step", "warmup_steps",
-        "precision", "n_step", "normalise_observations", "layer_norm",
+        "precision", "n_step", "normalise_observations", "layer_norm", "overlap",
     )  # fmt: skip
     #: In `ALGORITHMS`, where its settings are.
     NAME: str
@@ -56,6 +56,7 @@ class OffPolicyConfig(MeshConfig):
         self.n_step = 1
         self.normalise_observations = False
         self.layer_norm = False
+        self.overlap = True
         self.rollout_fragment_length = 8
         for name, setting in self._section().items():
             setattr(self, name, setting.default)
@@ -85,6 +86,7 @@ class OffPolicyConfig(MeshConfig):
             n_step=learner["n_step"],
             normalise_observations=learner["normalise_observations"],
             layer_norm=learner["layer_norm"],
+            overlap=config["runners"]["overlap"],
             **config[self.NAME],
         )
 
@@ -161,12 +163,19 @@ class OffPolicy(MeshAlgorithm):
         )
         #: Updates owed for steps taken, less than one after a round.
         self._debt = 0.0
+        #: Fragments of the next round, where a checkpoint had to wait for them.
+        self._ahead: list[Collected] = []
+        #: Updates made when they were asked for.
+        self._asked_at = 0
 
     def training_step(self) -> None:
-        """One round: every env runner's fragment, then the updates that it is owed."""
-        warming = self.env_steps < self.config.warmup_steps
+        """One round: every env runner's fragment, then the updates that it is owed.
+
+        Where remote env runners overlap with learning, they collect the next round's fragments meanwhile.
+        """
+        overlaps = self.config.overlap and self._samples_remotely
         with self.metrics.log_time(("timers", "collect")):
-            collected = self._collect(uniform=warming)
+            collected = self._collect()
         if not collected:
             return
         for one in collected:
@@ -174,14 +183,29 @@ class OffPolicy(MeshAlgorithm):
         steps = sum(len(one.transitions) for one in collected)
         warm = max(0, self.env_steps + steps - max(self.env_steps, self.config.warmup_steps))
         self._count(steps, [episode for one in collected for episode in one.episodes])
+        self.metrics.log_value((ENV_RUNNER_RESULTS, "weights_age"), self.updates - self._asked_at, window=1)
+        if overlaps:
+            self._ask()
         self._debt += warm * self.config.updates_per_step
         if (owed := int(self._debt)) > 0:
             self._debt -= owed
             self._update(owed)
-            self._publish()
+            self._publish(wait=not overlaps)
 
-    def _collect(self, uniform: bool) -> list[Collected]:
-        return self._from_runners("collect", rounds=self.config.get_rollout_fragment_length(), uniform=uniform)
+    def _collect(self) -> list[Collected]:
+        """What the env runners have collected, by now or for this call."""
+        if self._ahead:
+            taken, self._ahead = self._ahead, []
+            return taken
+        self._ask()
+        return self._from_runners()
+
+    def _ask(self) -> None:
+        """Let every env runner that does nothing collect a fragment."""
+        if not self._calls:
+            self._asked_at = self.updates
+        warming = self.env_steps < self.config.warmup_steps
+        self._ask_runners("collect", rounds=self.config.get_rollout_fragment_length(), uniform=warming)
 
     def _update(self, count: int) -> None:
         rows = self.local_replay_buffer.sample(count * self.config.total_train_batch_size)
@@ -200,7 +224,11 @@ class OffPolicy(MeshAlgorithm):
     def get_state(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """MeshAlgorithm's state with what rounds depend on: updates owed, episodes in flight, experience."""
         state = super().get_state(*args, **kwargs)
+        if self._calls:
+            self._ahead = self._answers()
         state["debt"] = self._debt
+        state["ahead"] = [(tuple(one.transitions), [tuple(episode) for episode in one.episodes]) for one in self._ahead]
+        state["asked_at"] = self._asked_at
         state[ROLLOUTS] = self._each_runner(lambda runner: (runner.worker_index, runner.rollout_state()))
         if REPLAY_BUFFER not in (kwargs.get("not_components") or []):
             state[REPLAY_BUFFER] = self.local_replay_buffer.get_state()
@@ -212,12 +240,18 @@ class OffPolicy(MeshAlgorithm):
         Raises:
             ValueError: the state's curriculum is of other stages.
         """
+        if self._calls:  # of what it was before
+            self._answers()
         super().set_state(state)
         if REPLAY_BUFFER in state:
             self.local_replay_buffer.set_state(state[REPLAY_BUFFER])
         if "debt" not in state:
             return
         self._debt = state["debt"]
+        self._ahead = [
+            Collected(Transitions(*rows), [Episode(*episode) for episode in ended]) for rows, ended in state["ahead"]
+        ]
+        self._asked_at = state["asked_at"]
         rollouts = dict(state[ROLLOUTS])
         self._each_runner(
             lambda runner: runner.worker_index in rollouts and runner.set_rollout_state(rollouts[runner.worker_index])

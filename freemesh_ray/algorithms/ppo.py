@@ -83,7 +83,8 @@ class PPO(MeshAlgorithm, RLlibPPO):
         """One round: episodes of all env runners, then the epochs on them."""
         steps = math.ceil(self.config.total_train_batch_size / max(1, self.config.num_env_runners))
         with self.metrics.log_time(("timers", "collect")):
-            collected = self._from_runners("rollout", steps=steps)
+            self._ask_runners("rollout", steps=steps)
+            collected = self._from_runners()
         episodes = [episode for one in collected for episode in one.episodes]
         if not episodes:
             return

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from freemesh_ray.config import Overlay, load
 from freemesh_ray.config.paths import Paths
+from freemesh_ray.config.runners import runner_count
 from freemesh_ray.local_ray import Session, environment, local_ray
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def run(
 
     check(config["learner"])
     job.prepare(config, resume)
-    processes = config["runners"]["count"] + config["learner"]["count"]
+    processes = runner_count(config) + config["learner"]["count"]
     with local_ray(processes, "--resume goes on from the last checkpoint") as session:
         from freemesh_ray.algorithms.build import build
 

@@ -117,11 +117,17 @@ class Study:
         """
         layers = [self.settings, *([self.variants[label]] if label is not None else []), *self.last]
         own = config.value_layer({**(drawn or {}), "seed": seed}, f"study {self.name}")
-        return self.paths.resolved(config.resolve([*layers, own]))
+        return self._resolved([*layers, own])
 
     def settings_of_all(self) -> dict[str, Any]:
         """The complete tree without what trials differ in."""
-        return self.paths.resolved(config.resolve([self.settings, *self.last]))
+        return self._resolved([self.settings, *self.last])
+
+    def _resolved(self, layers: Sequence[Layer]) -> dict[str, Any]:
+        tree = self.paths.resolved(config.resolve(layers))
+        if tree["runners"]["count"] == "auto":  # trials run side by side, each on a core
+            tree["runners"]["count"] = 0
+        return tree
 
     def tree(self) -> dict[str, Any]:
         """The study as a plain tree, to be written down."""

@@ -48,6 +48,12 @@ ITERATION: dict[str, Metric] = {
     "train/seconds": Metric("s", "so far, over all starts, without sleep", lambda it: it.seconds),
     "train/updates_per_second": Metric("1/s", "gradient updates of the iteration", lambda it: it.new_updates / it.took),
 }
+#: Of a result tree's env runners, where they tell it: of learning from a replay buffer.
+RUNNERS: dict[str, Metric] = {
+    "train/weights_age": Metric(
+        "updates", "since the weights that the last round was collected with", lambda runners: runners["weights_age"]
+    ),
+}
 #: Of the episodes that ended in the iteration: means, missing where none ended.
 EPISODES: dict[str, Metric] = {
     "train/return": Metric("reward", "undiscounted sum of rewards", lambda one: one.episode_return),
@@ -72,5 +78,7 @@ def of_iteration(
     values = {name: float(metric.of(iteration)) for name, metric in ITERATION.items()}
     if episodes := list(ended):
         values |= {name: float(np.mean([metric.of(one) for one in episodes])) for name, metric in EPISODES.items()}
+    runners = results.get("env_runners", {})
+    values |= {name: float(metric.of(runners)) for name, metric in RUNNERS.items() if "weights_age" in runners}
     learner = results.get("learners", {}).get("default_policy", {})
     return values | {f"learner/{name}": float(learner[name]) for name in learner_figures if name in learner}

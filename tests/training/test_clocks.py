@@ -18,8 +18,8 @@ from test_progress import Timed
 from test_training import Fake, rows
 from told import told
 
-from freemesh_ray.algorithms import awake, mesh_algorithm
-from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
+from freemesh_ray.algorithms import awake, runner_calls
+from freemesh_ray.algorithms.runner_calls import RunnerCalls
 from freemesh_ray.storage.lock import InUseError, held
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking import journal
@@ -106,32 +106,40 @@ def test_only_a_process_that_could_do_nothing_was_asleep(clock: list[float], mon
 
 
 class Slept:
-    """Two env runners, the second of which has not answered when the time was up."""
+    """Two env runners, the second of which has not answered when the time was up, and the Ray that asks them."""
 
-    class Answer:
-        actor_id, ok = 1, True
+    class Runner:
+        def __init__(self, number: int) -> None:
+            self.collect = self
+            self.number = number
 
-        def get(self) -> str:
-            return "transitions"
+        def remote(self, **request: Any) -> int:
+            return self.number
 
     def __init__(self, clock: list[float], seconds: float) -> None:
-        self.clock, self.seconds, self.marked = clock, seconds, list[int]()
+        self.clock, self.seconds, self.marked, self.killed = clock, seconds, list[int](), list[int]()
 
     def healthy_actor_ids(self) -> list[int]:
         return [1, 2]
 
-    def actors(self) -> dict[int, str]:
-        return {1: "first", 2: "second"}
+    def actors(self) -> dict[int, Runner]:
+        return {number: self.Runner(number) for number in (1, 2)}
 
     def set_actor_state(self, runner: int, healthy: bool) -> None:
         self.marked.append(runner)
 
-    def foreach_actor(self, *given: Any, **named: Any) -> Any:
+    def get(self, answer: int) -> str:
+        return "transitions"
+
+    def kill(self, actor: Runner, no_restart: bool) -> None:
+        self.killed.append(actor.number)
+
+    def wait(self, asked: list[int], **named: Any) -> tuple[list[int], list[int]]:
         for _ in range(int(self.seconds // 20)):
             self.clock[0] += 20.0
             awake.awake()  # as the thread does
         self.clock[0] += self.seconds % 20 if self.seconds < HOUR else HOUR
-        return type("Results", (), {"result_or_errors": [self.Answer()]})
+        return [1], [one for one in asked if one != 1]
 
 
 @pytest.mark.parametrize(("seconds", "hung"), [(300.0, [2]), (HOUR, [])])
@@ -141,15 +149,14 @@ def test_an_env_runner_is_not_taken_for_hung_when_all_were_asleep(
     clock: list[float],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    killed: list[Any] = []
-    monkeypatch.setattr(mesh_algorithm.ray, "kill", lambda actor, no_restart: killed.append(actor))
-    algorithm: Any = MeshAlgorithm.__new__(MeshAlgorithm)
-    manager = Slept(clock, seconds)
-    algorithm.env_runner_group = type("Group", (), {"_worker_manager": manager})
-    algorithm.config = type("Config", (), {"runner_timeout": 300.0})
-    found = algorithm._from_remote("collect", {})
+    both = Slept(clock, seconds)
+    monkeypatch.setattr(runner_calls, "ray", both)
+    calls = RunnerCalls(both, 300.0)
+    calls.ask("collect", {})
+    found = calls.answers()
     assert found[1] == "transitions"
-    assert (manager.marked, len(killed), set(found)) == (hung, len(hung), {1, *hung})
+    assert (both.marked, both.killed, set(found)) == (hung, hung, {1, *hung})
+    assert len(calls) == 1 - len(hung)  # what one that was asleep has been asked for comes later
 
 
 @pytest.fixture
