@@ -14,8 +14,9 @@ from envs.domains.load import source
 from envs.mdp.action import ACTION_TYPES, REJECTIONS
 from envs.mdp.episodes import Episodes
 from envs.mdp.observation import bounds
-from envs.render import draw_episode
+from envs.render import SIZE, draw_episode
 from envs.types import NAMED, SETTINGS, Domain, DomainSupply, MeshingParameters
+from envs.window import Window
 
 #: What a domain can be given as: a name, a file, or the thing itself; several are drawn from at each reset.
 DomainSpec = str | Domain | DomainSupply | Sequence[str | Domain | DomainSupply]
@@ -109,7 +110,7 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
     Args:
         domain: a catalogue name, a file, ``random-SEED``, ``random`` (a new one every time), a Domain, or several of
             them to draw from at each reset.
-        render_mode: ``"rgb_array"`` or None.
+        render_mode: ``"rgb_array"``, None, or ``"human"``: a window that shows every step, by pygame.
         parameters: the numbers of the MDP, by default the paper's.
         reward: a function of an ``envs.mdp.plug_ins.Step`` in place of the paper's reward, or ``package.module:Name``.
         observe: a class of observations in place of the paper's, likewise: made with the parameters it has ``low`` and
@@ -124,7 +125,7 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
     ``info`` of a reset: ``domain``.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (gymnasium's own convention)
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012  (gymnasium's own convention)
 
     def __init__(
         self,
@@ -135,9 +136,10 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
         observe: Any = None,
         **options: Any,
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode = {render_mode!r}: use 'rgb_array' or None")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode = {render_mode!r}: use 'human', 'rgb_array' or None")
         self.render_mode = render_mode
+        self._window = Window(SIZE, SIZE, "FreeMesh-v0") if render_mode == "human" else None
         self.parameters = parameters_of(options, parameters)
         self.episodes = Episodes(domains_of(domain), self.parameters, 1, reward=reward, observe=observe)
         self.task = Task(self.episodes.domains)
@@ -149,6 +151,7 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
         """Begin an episode; the seed decides which domain, when there are several."""
         super().reset(seed=seed)
         self.episodes.start(0, self.task.draw(self.np_random), self.np_random)
+        self._show()
         return self.episodes.out.observation[0].copy(), {"domain": self.episodes.domain(0).name}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -162,11 +165,21 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
         terminated, truncated = bool(out.terminated[0]), bool(out.truncated[0])
         if terminated or truncated:
             info |= ending(self.episodes, 0)
+        self._show()
         return out.observation[0].copy(), float(out.reward[0]), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """(height, width, 3) uint8: the elements, the front, and the reference vertex."""
+        """(height, width, 3) uint8: the elements, the front, and the reference vertex; None where a window shows it."""
         return draw_episode(self.episodes, 0) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+
+    def _show(self) -> None:
+        if self._window is not None:
+            self._window.show(draw_episode(self.episodes, 0), self.metadata["render_fps"])
 
 
 def ending(episodes: Episodes, i: int) -> dict[str, Any]:
