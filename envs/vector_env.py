@@ -24,7 +24,8 @@ class MeshVectorEnv(VectorEnv):
     """``num_envs`` episodes of FreeMesh-v0; each goes step for step as in a MeshEnv with the same seed and actions.
 
     Autoreset is NEXT_STEP: the step after an episode's end ignores the action, begins a new episode and returns its
-    first observation with reward 0. Infos are as MeshEnv's, as arrays with Gymnasium's ``_key`` masks.
+    first observation with reward 0. Infos are as MeshEnv's, as arrays with Gymnasium's ``_key`` masks. There are no
+    single environments in it: wrap it with ``gymnasium.wrappers.vector``, or make a ``sync`` or ``async`` one.
 
     Args:
         num_envs: B >= 1.

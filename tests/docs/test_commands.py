@@ -158,6 +158,14 @@ def is_planned(line: str, request: pytest.FixtureRequest) -> None:
     assert all((clone.folder / program).exists() for program in programs)
 
 
+def is_of_a_baseline(line: str, request: pytest.FixtureRequest) -> None:
+    """Its options are the script's."""
+    program, script, *words = shlex.split(line)
+    ended = clone_of(request).run(f"{program} {script} --help")
+    assert ended.code == 0, ended.output
+    assert {word for word in words if word.startswith("--")} <= set(re.findall(r"--[\w-]+", ended.output))
+
+
 def is_elsewhere(line: str, request: pytest.FixtureRequest) -> None:
     """Needs a program or a cluster that is not here: correct for the shell, and the files that it names are there."""
     clone = clone_of(request)
@@ -184,6 +192,7 @@ CHECKS: list[tuple[str, Check]] = [
     (r"curl .*", is_answered),
     (r"([A-Z_]+=\S+ )?\.venv/bin/(mlflow|ray) .*|ray .*", is_understood),
     (r"\(umask .*|set -a; .*", runs),
+    (r"\.venv/bin/python docs/examples/baselines/\w+\.py .*", is_of_a_baseline),
     (r"(docker|helm|kubectl) .*|export .*", is_elsewhere),
 ]
 

@@ -1,6 +1,6 @@
 """RLlib's own SAC on FreeMesh-v0, learner, buffer and env runner as they come, with the protocol of `sac.py`.
 
-    python docs/examples/baselines/rllib_sac.py --domain T1 --steps 30000 --seed 356 --out baseline
+    .venv/bin/python docs/examples/baselines/rllib_sac.py --domain T1 --steps 30000 --seed 356 --out baseline
 
 Written to --out: `evaluations.csv`, a line for each evaluation, and `module.pt`, the state of RLlib's module. What
 `freemesh train` has in place of these parts, and why, is in docs/baselines.md.

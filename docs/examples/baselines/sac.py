@@ -1,6 +1,6 @@
 """SAC on FreeMesh-v0 in one file: Gymnasium, NumPy and PyTorch, nothing else (Haarnoja et al. 2018b).
 
-    python docs/examples/baselines/sac.py --domain T1 --steps 30000 --seed 356 --out baseline
+    .venv/bin/python docs/examples/baselines/sac.py --domain T1 --steps 30000 --seed 356 --out baseline
 
 Its settings are those of `freemesh train`. Written to --out: `evaluations.csv`, a line for each evaluation, and
 `actor.pt`, the state of the policy network.

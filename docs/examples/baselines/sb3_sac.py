@@ -1,7 +1,7 @@
 """Stable-Baselines3's SAC on FreeMesh-v0, with the settings and the evaluations of `sac.py`.
 
-    pip install stable-baselines3
-    python docs/examples/baselines/sb3_sac.py --domain T1 --steps 30000 --seed 356 --out baseline
+    .venv/bin/pip install stable-baselines3
+    .venv/bin/python docs/examples/baselines/sb3_sac.py --domain T1 --steps 30000 --seed 356 --out baseline
 
 Written to --out: `evaluations.csv`, a line for each evaluation, and `sac.zip`, the model.
 """
