@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from fake_pygame import FakePygame
 from gymnasium.utils.env_checker import check_env
 from play import generic
 
@@ -47,7 +49,8 @@ def episode(env: MeshEnv, seed: int, steps: int = 2000) -> list[tuple[Any, ...]]
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("options", [{}, {"domain": "random:3", "type2": True}, {"observation": "O3", "radius": "R1"}])
-def test_gymnasium_has_nothing_to_object_to(options: dict) -> None:
+def test_gymnasium_has_nothing_to_object_to(options: dict, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygame", FakePygame())
     env = gym.make("FreeMesh-v0", render_mode="rgb_array", **options)
     assert isinstance(env.unwrapped, MeshEnv)
     check_env(env.unwrapped)
@@ -175,7 +178,7 @@ def test_render(render_mode: str | None, steps: int) -> None:
         ({"density": "dense"}, "density = 'dense': must be continuous or printed or local"),
         ({"beta": float("nan")}, "MeshingParameters.beta = nan"),
         ({"max_elements": 0}, "max_elements = 0: must be a whole number in"),
-        ({"render_mode": "human"}, "render_mode = 'human': use 'rgb_array' or None"),
+        ({"render_mode": "ansi"}, "render_mode = 'ansi': use 'human', 'rgb_array' or None"),
         ({"domain": QUAD}, "quad: a ring of 4 vertices is one element already; an episode needs at least 6"),
         ({"domain": []}, "no domain to mesh: give at least one"),
     ],

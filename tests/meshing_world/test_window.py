@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from fake_pygame import FakePygame
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo, vector
@@ -17,41 +18,6 @@ from gymnasium.wrappers import RecordVideo, vector
 from envs.mesh_env import MeshEnv
 
 ACTIONS = np.random.default_rng(2).uniform(-1.0, 1.0, (8, 3)).astype(np.float32)
-
-
-class FakePygame(ModuleType):
-    """Remembers what is on its screen."""
-
-    class error(RuntimeError):
-        pass
-
-    def __init__(self, driver: str = "x11") -> None:
-        super().__init__("pygame")
-        self.shown: list[np.ndarray] = []
-        self.ticks: list[int] = []
-        self.open = False
-        self.display = SimpleNamespace(
-            init=lambda: None, get_driver=lambda: driver, set_mode=self.set_mode, set_caption=lambda title: None,
-            flip=self.flip, quit=self.quit,
-        )  # fmt: skip
-        self.time = SimpleNamespace(Clock=lambda: SimpleNamespace(tick=self.ticks.append))
-        self.surfarray = SimpleNamespace(make_surface=lambda columns: columns)
-        self.event = SimpleNamespace(pump=lambda: None)
-
-    def set_mode(self, size: tuple[int, int]) -> Any:
-        self.open, self.drawn = True, np.zeros((*size, 3), dtype=np.uint8)
-        return SimpleNamespace(blit=self.blit)
-
-    def blit(self, columns: np.ndarray, corner: tuple[int, int]) -> None:
-        assert (columns.shape, columns.dtype, corner) == (self.drawn.shape, np.uint8, (0, 0))
-        self.drawn = columns
-
-    def flip(self) -> None:
-        assert self.open
-        self.shown.append(self.drawn)
-
-    def quit(self) -> None:
-        self.open = False
 
 
 @pytest.fixture
