@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +13,24 @@ from freemesh_ray.formatting.table import table
 from freemesh_ray.formatting.terminal import say
 from freemesh_ray.local_ray import local_ray
 
+THEIRS = "Stable-Baselines3"
+#: Settings that make updates cheaper, by what they are called here.
+WAYS: dict[str, dict[str, Any]] = {
+    "float32": {},
+    "bfloat16": {"precision": "bfloat16"},
+    "policy_delay 2": {"policy_delay": 2},
+    "bfloat16, policy_delay 2": {"precision": "bfloat16", "policy_delay": 2},
+}
 
-def our_updates_per_second(seconds: float) -> float:
-    """Whole training rounds: sampling, storing, updating, publishing weights."""
-    algo = algorithm(0)
+
+def our_updates_per_second(seconds: float, settings: Mapping[str, Any]) -> float:
+    """Whole training rounds: sampling, storing, updating, publishing weights.
+
+    Args:
+        seconds: of measuring, once updates have begun.
+        settings: of the learner, of `WAYS`.
+    """
+    algo = algorithm(0, **settings)
     while algo.updates == 0:
         algo.training_step()
     updates, began = algo.updates, time.perf_counter()
@@ -44,11 +60,32 @@ def their_updates_per_second(seconds: float) -> float:
     return (model._n_updates - clock.updates) / (time.perf_counter() - clock.began)
 
 
+def products() -> str:
+    """How this processor multiplies the networks' matrices."""
+    import torch
+
+    from freemesh_ray.algorithms import bfloat16, onednn
+
+    features = {
+        "AVX-512": torch.cpu._is_avx512_supported(),
+        "AVX512-BF16": torch.cpu._is_avx512_bf16_supported(),
+        "AMX": torch.cpu._is_amx_tile_supported(),
+    }
+    has = ", ".join(name for name, there in features.items() if there) or "no AVX-512"
+    rounded = "by its own instructions" if bfloat16.native() else "in float32, it has no instructions for them"
+    return f"processor: {has}; float32 products by {'oneDNN' if onednn.available() else 'MKL'}, bfloat16 ones {rounded}"
+
+
 def run(seconds: float) -> None:
-    """Updates a second of whole training rounds, ours and Stable-Baselines3's in turn, three times each."""
+    """Updates a second of whole training rounds, with each of `WAYS` and of Stable-Baselines3 in turn, three times."""
+    speeds: dict[str, list[float]] = {name: [] for name in (*WAYS, THEIRS)}
     with local_ray(0):
-        pairs = [(our_updates_per_second(seconds), their_updates_per_second(seconds)) for _ in range(3)]
-    rows = [[f"run {i + 1}", f"{a:.0f}", f"{b:.0f}", f"{a / b:.2f}"] for i, (a, b) in enumerate(pairs)]
-    ratio = float(np.median([a / b for a, b in pairs]))
-    say(f"learner, one thread, {DOMAIN}, {RATIO} updates a step: updates a second (median ratio {ratio:.2f})")
-    say(table(["", "freemesh-ray", "Stable-Baselines3", "ratio"], rows))
+        for _ in range(3):
+            for name, settings in WAYS.items():
+                speeds[name].append(our_updates_per_second(seconds, settings))
+            speeds[THEIRS].append(their_updates_per_second(seconds))
+    ratios = {name: np.median(np.divide(found, speeds[THEIRS])) for name, found in speeds.items()}
+    rows = [[name, *(f"{speed:.0f}" for speed in found), f"{ratios[name]:.2f}"] for name, found in speeds.items()]
+    say(f"learner, one thread, {DOMAIN}, {RATIO} updates a step: updates a second, and the median ratio of a run's")
+    say(products())
+    say(table(["", *(f"run {i + 1}" for i in range(3)), "ratio"], rows))
