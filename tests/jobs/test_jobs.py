@@ -24,7 +24,7 @@ from freemesh_ray.tracking.provenance import COMMIT
 pytestmark = pytest.mark.slow
 
 #: What a checkout does not have, and what no job needs.
-LEFT = shutil.ignore_patterns("__pycache__", ".venv", "runs", "studies", "mlflow.db*", ".*_cache", ".hypothesis")
+LEFT = shutil.ignore_patterns("__pycache__", ".venv", "runs", "mlflow.db*", ".*_cache", ".hypothesis")
 TINY = [
     "--config", "train_smoke", "--set", "curriculum.stages=[T1, T2]", "--set", "curriculum.max_stage_steps=1000",
     "--set", "runners.count=2", "--set", "learner.updates_per_step=0.1", "--set", "budget.minutes=null",
@@ -32,7 +32,8 @@ TINY = [
 STUDY = {
     "study": {"title": "Two", "seeds": [1, 2], "variants": {"small": None}},
     "settings": {
-        "curriculum.stages": ["T1"], "runners.count": 0, "budget": {"env_steps": 600, "minutes": None},
+        "curriculum.stages": ["T1"], "runners.count": 1, "budget": {"env_steps": 600, "minutes": None},
+        "env.reward": "plugged_reward:nothing",
         "evaluation": {"interval": 300, "episodes": 1},
         "learner": {"warmup_steps": 300, "updates_per_step": 0.05, "batch_size": 32, "buffer_size": 1000},
     },
@@ -41,9 +42,11 @@ STUDY = {
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A checkout with a study of its user's."""
+    """A checkout with a study of its user's, whose reward lies elsewhere."""
     folder = Path(shutil.copytree(ROOT, tmp_path_factory.mktemp("checkout") / "freemesh", ignore=LEFT))
     (folder / "two.yaml").write_text(yaml.safe_dump(STUDY))
+    (folder.parent / "plug_ins").mkdir()
+    (folder.parent / "plug_ins" / "plugged_reward.py").write_text("def nothing(step): return 0.0\n")
     return folder
 
 
@@ -75,9 +78,10 @@ def cluster(user: Path) -> Iterator[Cluster]:
 
 def submit(cluster: Cluster, checkout: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """``freemesh submit`` from a checkout; the cluster's address and token are in its environment."""
+    path = f"{checkout}:{checkout.parent / 'plug_ins'}"
     return subprocess.run(
         [sys.executable, "-m", "freemesh_ray", "submit", *arguments], cwd=checkout, capture_output=True, text=True,
-        env=outside() | {"PYTHONPATH": str(checkout)} | cluster.environment | variables, timeout=300,
+        env=outside() | {"PYTHONPATH": path} | cluster.environment | variables, timeout=300,
     )  # fmt: skip
 
 
@@ -134,11 +138,14 @@ def test_a_study_s_trials_run_on_the_workers_and_are_children_in_mlflow(
     line = ["--home", str(tmp_path), "--tracking", tracking.url, "--", "study", "two.yaml"]
     done = submit(cluster, checkout, *line)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "2 trials of 600 env steps, 4 at a time" in done.stdout
+    assert "2 trials of 600 env steps, 2 at a time" in done.stdout
     assert "2 finished" in done.stdout
     study = StudyFolder(tmp_path / "studies" / "two")
     assert [entry.status for entry in study.read()] == ["finished", "finished"]
     assert (study.report / "report.md").is_file()
+    rows = [row for entry in study.read() for row in study.run_of(entry).read_evaluations()]
+    assert rows
+    assert all(row["eval_stochastic/return"] == 0 for row in rows), "the reward came with the job"
     runs = runs_of(tracking)
     parent = runs["two"]
     for name in ("small-1", "small-2"):
