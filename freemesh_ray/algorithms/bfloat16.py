@@ -30,6 +30,11 @@ def _above_zero(gradient: torch.Tensor, output: torch.Tensor) -> torch.Tensor:
     return gradient
 
 
+def wanted(precision: str, device: torch.device) -> bool:
+    """Whether a learner on a device rounds: ``auto`` does where that is faster."""
+    return precision == "bfloat16" or (precision == "auto" and device.type == "cpu" and native())
+
+
 class Bfloat16Mlp:
     """An Mlp, or a stack of them, evaluated so; it has the methods of an Mlp that a written-out step needs.
 

@@ -11,6 +11,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID, MultiAgentBatch, SampleBatch
 from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 
+from freemesh_ray.algorithms import bfloat16
 from freemesh_ray.algorithms.actor_critic_module import ActorCriticModule
 from freemesh_ray.algorithms.env_runner import Collected, Episode
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
@@ -161,6 +162,11 @@ class OffPolicy(MeshAlgorithm):
             action_space.shape[0],
             seed=self.config.seed,
         )
+        if self.config.precision == "bfloat16" and self.config.num_gpus_per_learner == 0 and not bfloat16.native():
+            self.incidents.append(
+                "learner.precision: this processor has no instructions for bfloat16 numbers and is slow at them: "
+                "auto or float32 is faster here"
+            )
         #: Updates owed for steps taken, less than one after a round.
         self._debt = 0.0
         #: Fragments of the next round, where a checkpoint had to wait for them.

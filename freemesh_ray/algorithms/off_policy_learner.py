@@ -23,7 +23,7 @@ from ray.rllib.core.columns import Columns
 from freemesh_ray.algorithms.adam import LeanAdam
 from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
-from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp
+from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp, wanted
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 from freemesh_ray.algorithms.networks import Mlp
 from freemesh_ray.algorithms.onednn import OneDnnMlp
@@ -154,7 +154,7 @@ class OffPolicyLearner(ConfiguredLearner):
         """Build module, optimizers and the source of the steps' noise."""
         self._evaluated: dict[str, dict[str, Evaluated]] = {}
         #: Whether products are of bfloat16 numbers.
-        self._rounds = self.config.precision == "bfloat16"
+        self._rounds = wanted(self.config.precision, self._device)
         super().build()
         # Every learner draws the noise of the whole minibatch and takes that of its rows. On the CPU whatever the
         # learner's device: so a state can be taken over by a learner of another device, and by another number of them.

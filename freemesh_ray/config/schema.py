@@ -43,7 +43,7 @@ SCHEMA: dict[str, Field] = {
     "learner.layer_norm": Field(bool),
     "learner.hidden": Field(int, 1, 65536, many=True),
     "learner.warmup_steps": Field(int, 1, 10**9),
-    "learner.precision": Field(str, words=("float32", "bfloat16")),
+    "learner.precision": Field(str, words=("float32", "bfloat16", "auto")),
     "learner.count": Field(int, 0, 64),
     "learner.device": Field(str, words=("auto", "cpu", "cuda")),
     **{key: setting.accepts for key, setting in settings_by_key(ALGORITHMS).items()},

@@ -69,8 +69,8 @@ def train(
         OutputError: something cannot be written.
         PluginError: a callback raised, or another plug-in failed; everything up to then is in a checkpoint.
     """
+    told = Callbacks([*callbacks, *callbacks_named(config)])
     with claimed(config, resume) as folder:
-        told = Callbacks([*callbacks, *callbacks_named(config)])
         return _retried(config, folder, resume, make, told, interrupted)
 
 

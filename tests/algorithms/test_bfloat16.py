@@ -10,13 +10,17 @@ import torch
 from learners import batch, learner, module, update
 from torch.nn.functional import cosine_similarity
 
+from freemesh_ray import config
+from freemesh_ray.algorithms import bfloat16
 from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp
+from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.networks import Mlp, MlpStack
 from freemesh_ray.algorithms.off_policy import OffPolicyConfig
 from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
 from freemesh_ray.algorithms.sac import SACConfig
 from freemesh_ray.algorithms.td3 import TD3Config
+from freemesh_ray.local_ray import local_ray
 
 #: Of outputs: some times 2^-8, what a number of 8 bits is rounded by. Of gradients: one of a thousand hidden outputs
 #: is so near 0 that rounding switches it on or off, which changes a gradient by the root of that share.
@@ -100,3 +104,29 @@ def test_set_weights_are_those_that_it_goes_on_with() -> None:
         update(built, batch(2, seed=9))
     for ours, theirs in zip(module(one).parameters(), module(other).parameters(), strict=True):
         assert torch.equal(ours, theirs)
+
+
+@pytest.mark.parametrize(
+    ("precision", "device", "there", "rounds"),
+    [
+        ("float32", "cpu", True, False), ("bfloat16", "cpu", False, True), ("bfloat16", "cuda", False, True),
+        ("auto", "cpu", True, True), ("auto", "cpu", False, False), ("auto", "cuda", True, False),
+    ],
+)  # fmt: skip
+def test_auto_rounds_where_the_processor_can(
+    precision: str, device: str, there: bool, rounds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bfloat16, "native", lambda: there)
+    assert bfloat16.wanted(precision, torch.device(device)) is rounds
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("there", [True, False])
+def test_a_processor_that_cannot_is_told(there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one line; the training goes on."""
+    monkeypatch.setattr(bfloat16, "native", lambda: there)
+    with local_ray(0):
+        algorithm = build(config.load(["train_smoke"], ["runners.count=0", "learner.precision=bfloat16"]))
+        assert len(algorithm.incidents) == (not there)
+        assert all(line.startswith("learner.precision: ") and "\n" not in line for line in algorithm.incidents)
+        algorithm.stop()
