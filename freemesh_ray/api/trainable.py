@@ -20,7 +20,7 @@ from freemesh_ray.studies.trainable import TrainingTrainable, resources
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.tracking.journal import journals
 from freemesh_ray.training.callback import Callback
-from freemesh_ray.training.job import check_stages
+from freemesh_ray.training.job import check_plug_ins, check_stages
 from freemesh_ray.training.run_folder import RunFolder
 
 
@@ -77,6 +77,7 @@ class MeshTrainable(TrainingTrainable):
             raise ConfigError(f"storage_path: {storage.storage_fs_path}: must be a folder: mount the bucket")
         config = _tree(given, storage.storage_fs_path)
         check_stages(config)
+        check_plug_ins(config)
         config |= {"name": f"trial-{self.trial_id}", "paths": {**config["paths"], "runs": storage.experiment_fs_path}}
         return TuneTrial(self.trial_name, config["seed"], config, dict(given), Path(storage.trial_fs_path))
 

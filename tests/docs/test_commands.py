@@ -143,7 +143,9 @@ def is_understood(line: str, request: pytest.FixtureRequest) -> None:
     else:
         context = {"ray": click_lines.ray, "mlflow": click_lines.mlflow}[name]([name, *words])
         entry = context.params.get("entrypoint")
-        if entry:
+        if entry and entry[1].endswith(".py"):
+            assert entry[0] == "python"  # of the reader's own
+        elif entry:
             assert entry[:3] == ("python", "-m", "freemesh_ray")
             is_understood(shlex.join(["freemesh", *entry[3:]]), request)
 

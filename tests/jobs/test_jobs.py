@@ -16,6 +16,7 @@ import pytest
 import yaml
 from cluster import OVER, Cluster, until
 from processes import ROOT, Server, mlflow_server, outside
+from shrunk_examples import shrunk
 
 from envs.kernels.compiled import cache_folder
 from freemesh_ray.studies.study_folder import StudyFolder
@@ -155,6 +156,23 @@ def test_a_study_s_trials_run_on_the_workers_and_are_children_in_mlflow(
     again = submit(cluster, checkout, *line)
     assert again.returncode == 0, again.stdout + again.stderr
     assert "2 of them trained before" in again.stdout
+
+
+def test_a_script_of_one_s_own_runs_ray_tune(
+    cluster: Cluster, checkout: Path, tmp_path: Path, tracking: Server
+) -> None:
+    """As docs/python.md has it, on storage that all nodes see."""
+    code = shrunk("tune_trainable.py", **{"tracking.enabled": True, "tracking.uri": tracking.url})
+    (checkout / "my_study.py").write_text(code.replace("RunConfig(", f"RunConfig(storage_path={str(tmp_path)!r}, "))
+    line = ["--runtime-env", "deploy/runtime_env.yaml", "--working-dir", ".", "--", "python", "my_study.py"]
+    done = cluster.ray("job", "submit", *line, cwd=checkout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    best = Path(re.findall(rf"^{tmp_path}/discounts/\S+$", done.stdout, re.M)[-1])
+    assert (best / "policy.npz").is_file()
+    runs = runs_of(tracking)
+    trials = [run for name, run in runs.items() if name.startswith("MeshTrainable")]
+    assert sorted(run.data.params["learner.gamma"] for run in trials) == ["0.9", "0.99"]
+    assert {run.data.tags["mlflow.parentRunId"] for run in trials} == {runs["discounts"].info.run_id}
 
 
 def test_without_the_token_there_is_no_job(cluster: Cluster, checkout: Path) -> None:
