@@ -33,6 +33,24 @@ def test_all_baselines_are_evaluated_in_one_way() -> None:
     assert all(ends)
 
 
+def test_the_page_s_figures_are_those_of_the_files() -> None:
+    """Means over the last three evaluations of each training."""
+    table = re.findall(r"^\| ([\w-]+) \|(( *-?[\d.]* *\|){6})$", (ROOT / "docs/baselines.md").read_text(), re.M)
+    assert [name for name, *_ in table] == ["sac", "freemesh-train", "sb3_sac"]
+    files = {path.stem: path for path in (FOLDER / "evaluations").glob("*.csv")}
+    for name, cells, _ in table:
+        told = [cell.strip() for cell in cells.split("|")[:6]]
+        for i, seed in enumerate((356, 567, 999)):
+            found = ["", ""]
+            if (path := files.pop(f"{name}-{seed}", None)) is not None:
+                with open(path, newline="") as file:
+                    last = list(csv.DictReader(file))[-3:]
+                means = [np.mean([float(row[key]) for row in last]) for key in ("return", "element_quality")]
+                found = [f"{means[0]:.1f}", f"{means[1]:.2f}"]
+            assert [told[i], told[i + 3]] == found, (name, seed)
+    assert not files
+
+
 def evaluations(folder: Path) -> list[dict[str, float]]:
     """The lines that a training wrote."""
     with open(folder / "evaluations.csv", newline="") as file:
