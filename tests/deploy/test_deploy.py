@@ -32,6 +32,7 @@ from manifests import (
 )
 
 from freemesh_ray import config
+from freemesh_ray.config.runners import runner_count
 
 MOUNTED = "/shared"
 #: Of the API server: the oldest and the newest that the manifests are checked against.
@@ -366,7 +367,7 @@ def test_storage_is_shared_as_far_as_the_machines_are_apart(overlay: str, mode: 
 
 def test_a_training_fits_every_overlay() -> None:
     """The learner and its env runners each take a CPU of the workers, as Ray counts them: the limits."""
-    needed = 1 + config.load(["train_default.yaml"], [])["runners"]["count"]
+    needed = 1 + runner_count(config.load(["train_default.yaml"], []))
     for build in BUILDS:
         for mapping in mappings(manifests.built(build)):
             for group in mapping.get("workerGroupSpecs", ()):

@@ -26,7 +26,8 @@ with local_ray(1):
 def ran(name: str, folder: Path, start: str = "exec({!r})") -> str:
     """What an example prints, started in an empty folder that is its user's home, too."""
     done = subprocess.run(
-        [sys.executable, "-P", "-c", start.format(shrunk(name))], cwd=folder, capture_output=True, text=True, timeout=300,
+        [sys.executable, "-P", "-c", start.format(shrunk(name))],
+        cwd=folder, capture_output=True, text=True, timeout=300,
         env=outside() | QUIET | {"PYTHONPATH": str(ROOT), "HOME": str(folder), "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
