@@ -1,8 +1,9 @@
 """What a training round costs, from its parts measured alone: a model of `OffPolicy.training_step`.
 
-A round is one after the other, and nothing overlaps: all runners sample their fragments, their answers come in, the
-transitions are stored and the minibatches drawn, the learners update, the runners get the new weights. So its seconds
-are the sum of the parts. Of N runners with E environments and fragments of F steps, S = N E F:
+The env runners' answers come in, the transitions are stored and the minibatches drawn; then the learners update while
+the runners already sample the next round's fragments; then the runners are sent the new weights. So a round's seconds
+are the sum of its parts, but for sampling and updating, of which the shorter is hidden behind the longer. Of N runners
+with E environments and fragments of F steps, S = N E F:
 
     sampling   F (a + b E) max(1, N / cores)                       a, b: of one step of all environments
     transport  latency + N call + S bytes / bandwidth               the answers, read one after another
@@ -10,10 +11,17 @@ are the sum of the parts. Of N runners with E environments and fragments of F st
     update     U S (c + d B / L) max(1, L / cores)                  shared by L learners
                + [L > 0] latency + U S B bytes / bandwidth          their rows are sent to them
                + [L > 1] U S reduce                                 their gradients are averaged
-    publish    once + N each
+    publish    once + N each                                        nobody waits until the runners have them
+    a round    transport + replay + publish + max(sampling, update, work / cores)
 
-Without a number of cores every process has its own, as on a cluster. Then a round is  p + N q  with q > 0, and E F N
-transitions in it: their rate cannot exceed E F / q, whatever the number of runners.
+where work is what all runners and learners do together, each alone on a core. Without a number of cores every process
+has its own, as on a cluster.
+
+Without overlap a round is the sum of all parts, and publishing waits for the runners. Without runners the training's
+process samples: a round is the sum, of S = E F, with no transport.
+
+The more runners, the more samples a second with a core for each, but never more than a limit: all parts but sampling
+grow with their number.
 """
 
 from __future__ import annotations
@@ -28,6 +36,8 @@ MOVES = {
     "update": "a smaller learner.updates_per_step, learner.device: cuda, or more learner.count with a larger batch",
     "publish": "a larger runners.fragment, or runners.envs_per_runner: weights are sent once a round",
 }
+#: So many runners that all which does not grow with them is beyond a float's digits.
+COUNTLESS = 1 << 100
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,9 @@ class Costs:
         add_row, draw_row: storing a transition, and drawing one for a minibatch.
         update_call, update_row: a minibatch, and more for each of its rows.
         reduce: averaging the gradients of a minibatch over several learners.
-        publish_once, publish_runner: new weights, and more for each runner.
+        publish_once, publish_runner: new weights until the runners have them, and more for each runner.
+        send_once, send_runner: the same where nobody waits for the runners.
+        publish_local: new weights where the training's process samples.
         transition_bytes: of one transition.
         weights_bytes: of the policy's weights.
     """
@@ -59,6 +71,9 @@ class Costs:
     reduce: float
     publish_once: float
     publish_runner: float
+    send_once: float
+    send_runner: float
+    publish_local: float
     transition_bytes: int
     weights_bytes: int
 
@@ -68,9 +83,11 @@ class Setup:
     """The settings that a round depends on.
 
     Attributes:
-        runners, envs, fragment: remote env runners, 1 or more; ``runners.envs_per_runner``; ``runners.fragment``.
+        runners, envs, fragment: remote env runners, 0: the training's process samples; ``runners.envs_per_runner``;
+            ``runners.fragment``.
         updates_per_step, batch, learners: ``learner.updates_per_step``, ``learner.batch_size``, ``learner.count``.
         cores: that all processes share; None: each has its own.
+        overlap: ``runners.overlap``.
     """
 
     runners: int
@@ -80,11 +97,17 @@ class Setup:
     batch: int = 256
     learners: int = 0
     cores: int | None = None
+    overlap: bool = True
 
     @property
     def steps(self) -> int:
         """Env steps of a round."""
-        return self.runners * self.envs * self.fragment
+        return max(1, self.runners) * self.envs * self.fragment
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether runners sample while the learners update."""
+        return self.overlap and self.runners > 0
 
 
 @dataclass(frozen=True)
@@ -93,17 +116,37 @@ class Round:
 
     Attributes:
         parts: seconds by part, in the order of a round.
+        together: seconds from the first of sampling and updating to the last.
         steps, updates: in it; updates are a mean.
     """
 
     parts: dict[str, float]
+    together: float
     steps: int
     updates: float
 
     @property
+    def behind(self) -> tuple[str, str]:
+        """The shorter of sampling and updating, and the longer, behind which it is hidden as far as it is."""
+        sampling, update = self.parts["sampling"], self.parts["update"]
+        return ("update", "sampling") if update < sampling else ("sampling", "update")
+
+    @property
+    def hidden(self) -> float:
+        """Share, [0, 1], of the shorter one's seconds that the round does not wait for."""
+        shorter, longer = (self.parts[part] for part in self.behind)
+        return min(1.0, max(0.0, (shorter + longer - self.together) / shorter))
+
+    @property
+    def waited(self) -> dict[str, float]:
+        """Seconds that the round waits for each part: all of it, but for what is hidden."""
+        shorter, longer = self.behind
+        return {**self.parts, shorter: max(0.0, self.together - self.parts[longer])}
+
+    @property
     def seconds(self) -> float:
         """Of the whole round."""
-        return sum(self.parts.values())
+        return sum(self.waited.values())
 
     @property
     def samples_per_second(self) -> float:
@@ -117,46 +160,84 @@ class Round:
 
     @property
     def bottleneck(self) -> str:
-        """The part that takes longest."""
-        return max(self.parts, key=lambda part: self.parts[part])
+        """The part that the round waits for longest."""
+        waited = self.waited
+        return max(waited, key=lambda part: waited[part])
 
     def share(self, part: str) -> float:
-        """Of the round's seconds, [0, 1]."""
-        return self.parts[part] / self.seconds
+        """Of the round's seconds, [0, 1], what it waits for the part."""
+        return self.waited[part] / self.seconds
 
 
 def round_of(costs: Costs, setup: Setup) -> Round:
     """The seconds of a round; see the module for the formula."""
     steps, updates = setup.steps, setup.steps * setup.updates_per_step
-    crowding = max(1.0, setup.runners / setup.cores) if setup.cores else 1.0
-    sharing = max(1.0, setup.learners / setup.cores) if setup.cores else 1.0
-    rows = setup.batch / max(1, setup.learners)
-    update = updates * (costs.update_call + costs.update_row * rows) * sharing
+    samplers, learners, cores = max(1, setup.runners), max(1, setup.learners), setup.cores
+    sample = setup.fragment * (costs.step_call + costs.step_env * setup.envs)
+    learn = updates * (costs.update_call + costs.update_row * setup.batch / learners)
+    exchange = 0.0
     if setup.learners > 0:
-        update += costs.latency + updates * setup.batch * costs.transition_bytes * costs.byte
+        exchange += costs.latency + updates * setup.batch * costs.transition_bytes * costs.byte
     if setup.learners > 1:
-        update += updates * costs.reduce
+        exchange += updates * costs.reduce
+    sampling = sample * max(1.0, samplers / cores if cores else 0.0)
+    update = learn * max(1.0, learners / cores if cores else 0.0) + exchange
+    together = sampling + update
+    if setup.overlaps:
+        work = samplers * sample + learners * learn + exchange
+        together = max(sampling, update, work / cores if cores else 0.0)
     parts = {
-        "sampling": setup.fragment * (costs.step_call + costs.step_env * setup.envs) * crowding,
-        "transport": costs.latency + setup.runners * costs.call + steps * costs.transition_bytes * costs.byte,
+        "sampling": sampling,
+        "transport": transport(costs, setup),
         "replay": steps * costs.add_row + updates * setup.batch * costs.draw_row,
         "update": update,
-        "publish": costs.publish_once + setup.runners * costs.publish_runner,
+        "publish": publish(costs, setup),
     }
-    return Round(parts, steps, updates)
+    return Round(parts, together, steps, updates)
+
+
+def transport(costs: Costs, setup: Setup) -> float:
+    """Seconds until the training's process has what remote runners sampled."""
+    if setup.runners == 0:
+        return 0.0
+    return costs.latency + setup.runners * costs.call + setup.steps * costs.transition_bytes * costs.byte
+
+
+def publish(costs: Costs, setup: Setup) -> float:
+    """Seconds that new weights for whoever samples hold up the training's process."""
+    if setup.runners == 0:
+        return costs.publish_local
+    if setup.overlap:
+        return costs.send_once + setup.runners * costs.send_runner
+    return costs.publish_once + setup.runners * costs.publish_runner
 
 
 def most(costs: Costs, setup: Setup) -> float:
     """Env steps a second that any number of runners stays below, each process on a core of its own."""
-    one, two = (round_of(costs, replace(setup, runners=runners, cores=None)) for runners in (1, 2))
-    return one.steps / (two.seconds - one.seconds)
+    return _speed(costs, setup, COUNTLESS)
 
 
-def enough(costs: Costs, setup: Setup, share: float = 0.9) -> float:
-    """Runners that reach ``share``, in (0, 1), of ``most``: beyond them more hardly help. At least 1.
+def enough(costs: Costs, setup: Setup, share: float = 0.9) -> int:
+    """The fewest runners that reach ``share``, in (0, 1), of ``most``: beyond them more hardly help. At least 1."""
+    wanted = share * most(costs, setup)
+    few, many = 0, 1
+    while _speed(costs, setup, many) < wanted:
+        few, many = many, 2 * many
+    while many - few > 1:
+        middle = (few + many) // 2
+        few, many = (middle, many) if _speed(costs, setup, middle) < wanted else (few, middle)
+    return many
 
-    From N s / (p + N q) = share s / q follows N = p / q share / (1 - share).
+
+def hides(costs: Costs, setup: Setup) -> float:
+    """Updates an env step above which one runner's sampling is hidden behind its updates, the learner in its process.
+
+    It is updates a second over samples a second, each of a process that does nothing else. So with U updates a step,
+    ``hides`` / U runners sample as long as their steps are learnt from.
     """
-    one, two = (round_of(costs, replace(setup, runners=runners, cores=None)).seconds for runners in (1, 2))
-    q = two - one
-    return max(1.0, (one - q) / q * share / (1.0 - share))
+    updates = 1.0 / (costs.update_call + costs.update_row * setup.batch)
+    return updates / (setup.envs / (costs.step_call + costs.step_env * setup.envs))
+
+
+def _speed(costs: Costs, setup: Setup, runners: int) -> float:
+    return round_of(costs, replace(setup, runners=runners, cores=None)).samples_per_second

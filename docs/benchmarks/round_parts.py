@@ -24,16 +24,19 @@ UPDATES = 32
 STORED = 300_000
 
 
-def typical(call: Callable[[], object], seconds: float, at_least: int = 5) -> float:
-    """Median seconds of a call, repeated for so long; the first one is not counted."""
-    call()
+def typical(
+    call: Callable[[], object], seconds: float, at_least: int = 5, settle: Callable[[], object] | None = None
+) -> float:
+    """Median seconds of a call, repeated for so long; the first one, and ``settle`` after each, are not counted."""
     times: list[float] = []
     began = time.perf_counter()
-    while len(times) < at_least or time.perf_counter() - began < seconds:
+    while len(times) <= at_least or time.perf_counter() - began < seconds:
         start = time.perf_counter()
         call()
         times.append(time.perf_counter() - start)
-    return float(np.median(times))
+        if settle is not None:
+            settle()
+    return float(np.median(times[1:]))
 
 
 def line(small: tuple[float, float], large: tuple[float, float]) -> tuple[float, float]:
@@ -121,22 +124,33 @@ def reduction(seconds: float) -> float:
     return max(0.0, times[1] - times[0])
 
 
-def publishing(algo: Any, seconds: float) -> tuple[float, float, int]:
-    """Seconds of sending new weights, once and for each runner, and their bytes."""
+def publishing(algo: Any, seconds: float, *, wait: bool) -> tuple[float, float]:
+    """Seconds of sending new weights, once and for each runner, with or without waiting until the runners have them."""
 
-    def publish(runners: int) -> float:
-        return typical(
-            lambda: algo.env_runner_group.sync_weights(
-                from_worker_or_learner_group=algo.learner_group,
-                to_worker_indices=list(range(1, runners + 1)),
-                inference_only=True,
-                timeout_seconds=None,
-            ),
-            seconds,
+    def send(runners: int, timeout: float | None) -> None:
+        algo.env_runner_group.sync_weights(
+            from_worker_or_learner_group=algo.learner_group,
+            to_worker_indices=list(range(1, runners + 1)),
+            inference_only=True,
+            timeout_seconds=timeout,
         )
 
-    once, each = line((1.0, publish(1)), (float(RUNNERS), publish(RUNNERS)))
-    return once, each, sum(weight.nbytes + bias.nbytes for weight, bias in algo.actor_weights())
+    def idle() -> None:
+        algo.env_runner_group.foreach_env_runner(lambda runner: None, local_env_runner=False)
+
+    def publish(runners: int) -> float:
+        return typical(partial(send, runners, None if wait else 0.0), seconds, settle=idle)
+
+    return line((1.0, publish(1)), (float(RUNNERS), publish(RUNNERS)))
+
+
+def publishing_here(seconds: float) -> tuple[float, int]:
+    """Seconds of new weights where the training's process samples, and their bytes."""
+    algo = algorithm(0)
+    took = typical(algo._publish, seconds)
+    weights = sum(weight.nbytes + bias.nbytes for weight, bias in algo.actor_weights())
+    algo.stop()
+    return took, weights
 
 
 def measure(seconds: float) -> Costs:
@@ -147,9 +161,11 @@ def measure(seconds: float) -> Costs:
     reduce = reduction(seconds)
     algo = algorithm(RUNNERS)
     latency, call, byte = transport(algo, seconds)
-    publish_once, publish_runner, weights = publishing(algo, seconds)
+    publish_once, publish_runner = publishing(algo, seconds, wait=True)
+    send_once, send_runner = publishing(algo, seconds, wait=False)
     algo.stop()
+    publish_local, weights = publishing_here(seconds)
     return Costs(
         step_call, step_env, latency, call, byte, add_row, draw_row, update_call, update_row, reduce,
-        publish_once, publish_runner, transition_bytes(), weights,
+        publish_once, publish_runner, send_once, send_runner, publish_local, transition_bytes(), weights,
     )  # fmt: skip

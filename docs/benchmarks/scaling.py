@@ -2,40 +2,50 @@
 
     python docs/benchmarks/scaling.py --out docs
 
-Measured are whole training rounds (samples and updates a second), the time to a return, and the parts of a round; a
-model made of the parts is held against the rounds, and says what more runners than this machine has would give.
+Measured are the parts of a round, whole training rounds (samples and updates a second) with and without overlap, and
+the time to a return; a model made of the parts is held against the rounds, and says what more runners than this machine
+has would give.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 import sys
 import time
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import round_parts
 import scaling_report
-from round_cost import Costs, Setup, enough, most, round_of
-from round_parts import measure
+from round_cost import Costs, Round, Setup, enough, hides, most, round_of
 from scaling_picture import draw_scaling
 from script import run_script
 
+from freemesh_ray import config
 from freemesh_ray.bench.trainings import BATCH_SIZE, ENVS, FRAGMENT, RATIO, algorithm
 from freemesh_ray.cli import arguments
+from freemesh_ray.config.runners import ENOUGH, runner_count
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage.atomic import check_writable, replacing
 
-RUNNERS, LEARNERS = (1, 2, 4, 8), (0, 1, 2)
+#: Updates a step.
+RATIOS = (RATIO, 1 / 16, 1 / 256)
+#: Learners that are processes, each number with each of these numbers of runners.
+LEARNERS, THEIR_RUNNERS = (1, 2), (1, 2)
+#: Runners up to which rounds without overlap are measured, too.
+WITHOUT_OVERLAP = 2
 #: The return to reach, as the mean of so many training episodes. Measurements of ``QUICK`` seconds or less only try
 #: whether all works: their return is one that is reached at once.
 RETURN, QUICK_RETURN, EPISODES = -15.0, -1_000.0, 50
 QUICK = 2.0
 #: Seconds after which a training that has not reached it is given up.
-PATIENCE = 180.0
+PATIENCE = 90.0
 SEED = 356
 #: Numbers of runners, and settings, that the model is asked about.
 FAR = (100, 1_000)
@@ -44,6 +54,7 @@ VARIANTS: dict[str, dict[str, float]] = {
     "runners.fragment 64": {"fragment": 64},
     "updates_per_step 1/16": {"updates_per_step": 1 / 16},
     "updates_per_step 1/256": {"updates_per_step": 1 / 256},
+    "updates_per_step 1/256, overlap false": {"updates_per_step": 1 / 256, "overlap": False},
     "updates_per_step 1/256, fragment 64": {"updates_per_step": 1 / 256, "fragment": 64},
     "learner.count 8": {"learners": 8},
     "learner.count 8, batch_size 2048, updates_per_step 1/16": {
@@ -55,16 +66,38 @@ VARIANTS: dict[str, dict[str, float]] = {
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Whole training rounds, after the warm-up.
+class Case:
+    """The settings of a training whose rounds are measured.
 
     Attributes:
-        runners, learners: remote env runners, and remote learners (0: in the training's process).
-        samples_per_second, updates_per_second: over all rounds.
+        runners: remote env runners; 0: the training's process samples.
+        learners: remote learners; 0: the training's process updates.
+        updates_per_step, overlap: the settings of these names.
     """
 
     runners: int
-    learners: int
+    learners: int = 0
+    updates_per_step: float = RATIO
+    overlap: bool = True
+
+    def __str__(self) -> str:
+        """In words."""
+        return (
+            f"{self.runners} runners, {self.learners} learners, {self.updates_per_step:g} updates a step"
+            + ", without overlap" * (not self.overlap)
+        )
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Whole training rounds of a case, after the warm-up.
+
+    Attributes:
+        case: as said.
+        samples_per_second, updates_per_second: over all rounds.
+    """
+
+    case: Case
     samples_per_second: float
     updates_per_second: float
 
@@ -74,7 +107,7 @@ class Reached:
     """One training, from its first round to the return.
 
     Attributes:
-        runners: remote env runners.
+        runners: remote env runners; 0: the training's process samples.
         seconds: to the return; None: it was given up after ``PATIENCE`` seconds.
         env_steps, updates: then.
     """
@@ -85,14 +118,35 @@ class Reached:
     updates: int
 
 
+def chosen(updates_per_step: float) -> int:
+    """The runners that ``runners.count: auto`` stands for on this machine."""
+    return runner_count(config.load(sets=["runners.count=auto", f"learner.updates_per_step={updates_per_step}"]))
+
+
+def counts(cores: int) -> list[int]:
+    """Runners to measure: none, one, two, and doubled while there is a core for each."""
+    return [0, 1, *(2**i for i in range(1, max(2, cores.bit_length())))]
+
+
+def cases(cores: int, auto: Mapping[float, int]) -> list[Case]:
+    """What is measured on a machine; ``auto``: the runners that it chooses, by updates a step."""
+    beside = [
+        Case(runners, updates_per_step=ratio, overlap=overlap)
+        for ratio in RATIOS
+        for runners in sorted({*counts(cores), auto[ratio]})
+        for overlap in ((True, False) if 0 < runners <= WITHOUT_OVERLAP else (True,))
+    ]
+    return beside + [Case(runners, learners) for learners in LEARNERS for runners in THEIR_RUNNERS]
+
+
 def progress(line: str) -> None:
     """Tell what is being measured."""
     print(f"{time.strftime('%H:%M:%S')}  {line}", file=sys.stderr, flush=True)
 
 
-def rounds(runners: int, learners: int, seconds: float) -> Measured:
+def rounds(case: Case, seconds: float) -> Measured:
     """Train for so long, once updates have begun."""
-    algo = algorithm(runners, learners=learners)
+    algo = algorithm(case.runners, learners=case.learners, updates_per_step=case.updates_per_step, overlap=case.overlap)
     while not algo.updates:
         algo.training_step()
     for _ in range(3):  # new processes are slow at first
@@ -102,7 +156,7 @@ def rounds(runners: int, learners: int, seconds: float) -> Measured:
         algo.training_step()
     took = time.perf_counter() - began
     algo.stop()
-    return Measured(runners, learners, (algo.env_steps - steps) / took, (algo.updates - updates) / took)
+    return Measured(case, (algo.env_steps - steps) / took, (algo.updates - updates) / took)
 
 
 def time_to_return(runners: int, wanted: float) -> Reached:
@@ -133,18 +187,20 @@ def write_scaling(seconds: float, folder: Path) -> None:
     for path in files.values():
         check_writable(path, parents=True)
     wanted = RETURN if seconds > QUICK else QUICK_RETURN
-    measured, reached = [], []
-    with local_ray(max(RUNNERS) + max(LEARNERS)):
-        progress("the parts of a round")
-        costs = measure(seconds / 4)
-        for learners in LEARNERS:
-            for runners in RUNNERS:
-                progress(f"training rounds with {runners} runners, {learners} learners")
-                measured.append(rounds(runners, learners, seconds))
-        for runners in RUNNERS:
-            progress(f"the time to a return of {wanted:g} with {runners} runners")
+    cores, auto = len(os.sched_getaffinity(0)), {ratio: chosen(ratio) for ratio in RATIOS}
+    planned, racing = cases(cores, auto), sorted({0, auto[RATIO]})
+    measured, reached, all_ = [], [], 1 + len(planned) + len(racing)
+    with local_ray(max(round_parts.RUNNERS, *(case.runners + case.learners for case in planned))):
+        progress(f"1 of {all_}: the parts of a round")
+        costs = round_parts.measure(seconds / 4)
+        for i, case in enumerate(planned, 2):
+            progress(f"{i} of {all_}: training rounds, {case}")
+            measured.append(rounds(case, seconds))
+        for i, runners in enumerate(racing, 2 + len(planned)):
+            progress(f"{i} of {all_}: the time to a return of {wanted:g}, {runners} runners")
             reached.append(time_to_return(runners, wanted))
-    found = summary(costs, measured, reached, wanted, seconds)
+    progress("all is measured")
+    found = summary(costs, measured, reached, auto, wanted=wanted, seconds=seconds, cores=cores)
     text = scaling_report.text(found)
     with replacing(files["json"]) as draft:
         draft.write_text(json.dumps(found, indent=1) + "\n")
@@ -156,27 +212,27 @@ def write_scaling(seconds: float, folder: Path) -> None:
 
 
 def summary(
-    costs: Costs, measured: list[Measured], reached: list[Reached], wanted: float, seconds: float
+    costs: Costs,
+    measured: Sequence[Measured],
+    reached: Sequence[Reached],
+    auto: Mapping[float, int],
+    *,
+    wanted: float,
+    seconds: float,
+    cores: int,
 ) -> dict[str, object]:
     """All that was found, as it is written down: what was measured, and what the model says beside it and beyond."""
-    cores = os.cpu_count() or 1
     here = Setup(1, ENVS, FRAGMENT, RATIO, BATCH_SIZE, cores=cores)
-    beside = [round_of(costs, replace(here, runners=one.runners, learners=one.learners)) for one in measured]
     far = []
     for label, changes in VARIANTS.items():
         setup = replace(here, cores=None, **changes)  # type: ignore[arg-type]
         for runners in FAR:
-            modelled = round_of(costs, replace(setup, runners=runners))
             far.append(
                 {
                     "settings": label,
                     "changes": changes,
                     "runners": runners,
-                    "samples_per_second": modelled.samples_per_second,
-                    "updates_per_second": modelled.updates_per_second,
-                    "seconds": modelled.seconds,
-                    "shares": {part: modelled.share(part) for part in modelled.parts},
-                    "bottleneck": modelled.bottleneck,
+                    **told(round_of(costs, replace(setup, runners=runners))),
                     "most_samples_per_second": most(costs, setup),
                     "enough_runners": enough(costs, setup),
                 }
@@ -187,13 +243,36 @@ def summary(
         "seconds": seconds,
         "costs": asdict(costs),
         "rounds": [
-            {**asdict(one), "modelled_samples_per_second": model.samples_per_second, "bottleneck": model.bottleneck}
-            for one, model in zip(measured, beside, strict=True)
+            {**asdict(one.case), "samples_per_second": one.samples_per_second,
+             "updates_per_second": one.updates_per_second,
+             "model": told(round_of(costs, replace(here, **asdict(one.case))))}
+            for one in measured
+        ],
+        "hides": hides(costs, here),
+        "enough": ENOUGH,
+        "auto": [
+            {"updates_per_step": ratio, "runners": runners, "wanted": math.ceil(ENOUGH / ratio),
+             "hiding_runners": hides(costs, here) / ratio,
+             "enough_runners": enough(costs, replace(here, updates_per_step=ratio))}
+            for ratio, runners in auto.items()
         ],
         "return": {"wanted": wanted, "episodes": EPISODES, "seed": SEED, "patience": PATIENCE,
                    "reached": [asdict(one) for one in reached]},
         "far": far,
     }  # fmt: skip
+
+
+def told(modelled: Round) -> dict[str, object]:
+    """What the model says of a round, as it is written down."""
+    return {
+        "samples_per_second": modelled.samples_per_second,
+        "updates_per_second": modelled.updates_per_second,
+        "seconds": modelled.seconds,
+        "shares": {part: modelled.share(part) for part in modelled.parts},
+        "bottleneck": modelled.bottleneck,
+        "hidden": modelled.hidden,
+        "behind": list(modelled.behind),
+    }
 
 
 def main() -> None:

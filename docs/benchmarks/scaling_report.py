@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
 from round_cost import MOVES, Costs, Setup, round_of
+from scaling_picture import Here, Points
 
 from freemesh_ray.formatting.table import markdown
 
@@ -22,8 +24,11 @@ PARTS = (
     ("update_call", "an update", 1e3, "ms"),
     ("update_row", "more for each 1,000 of its rows", 1e6, "ms"),
     ("reduce", "more with several learners", 1e3, "ms"),
-    ("publish_once", "new weights", 1e3, "ms"),
-    ("publish_runner", "more for each runner", 1e3, "ms"),
+    ("send_once", "new weights", 1e3, "ms"),
+    ("send_runner", "more for each runner", 1e3, "ms"),
+    ("publish_once", "new weights, until the runners have them", 1e3, "ms"),
+    ("publish_runner", "more for each runner, until it has them", 1e3, "ms"),
+    ("publish_local", "new weights where the training's process samples", 1e3, "ms"),
 )
 #: Numbers of runners along the curves.
 RANGE = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1_024)
@@ -39,14 +44,34 @@ on the CPU.
 
 ![samples a second against env runners](scaling.png)
 
-## Whole training rounds
+## Sampling beside learning
 
-Samples and updates a second over {seconds:g} s of training after the warm-up, with everything a round does: sampling,
-storing, updating, sending weights. Learners: 0 is the one in the training's process, others are processes with an
-equal share of every minibatch each. All processes share the {cores} cores, so that what is above them mostly waits.
+Samples and updates a second over {seconds:g} s of training after the warm-up, with everything a round does. The
+learner is in the training's process. Runners are processes of their own, which sample the next round while the learner
+updates (`runners.overlap`); with 0 runners the training's process samples, too. All share the {cores} cores: what is
+above them waits. `(auto)` is the number that `runners.count: auto` chooses here; `of the fastest` compares
+with the most samples a second at the same updates a step, `gain` with the line of fewer runners, both with overlap.
 The model's number is made of parts that were measured alone (below), not fitted to these.
 
-{rounds}
+{beside}
+
+At these updates a step `auto` has {worst:.0%} of the fastest's samples a second or more; two measurements of the same
+may differ by a few percent.
+
+How many runners it takes: a runner samples {samples:,.0f} steps a second where nothing else is to do, the learner
+makes {updates:,.0f} updates, {hides:.2g} for each of these steps. With that many updates a step or more, one runner's
+sampling is hidden behind the updates; with U of them, {hides:.2g} / U runners' is. More runners than that still help a
+little, as a round's fixed costs are shared by more steps. `auto` takes {enough:g} / U, rounded up, and at most one for
+each core beside the learner's.
+
+{choice}
+
+## Several learners
+
+With {updates_per_step:g} updates a step. Learners: 0 is the one in the training's process, others are processes
+with an equal share of every minibatch each.
+
+{learners}
 
 ## Time to a return of {wanted:g}
 
@@ -64,8 +89,8 @@ answer go through Ray's object store on one machine: between machines the networ
 
 ## The model
 
-A round is one part after the other, because the code is: nothing is sampled while the learners update. With N runners
-of E environments, fragments of F steps, U updates a step and batches of B, shared by L learners, S = N E F:
+With N runners of E environments, fragments of F steps, U updates a step and batches of B, shared by L learners,
+S = N E F:
 
 | part      | seconds                                                                                |
 |-----------|----------------------------------------------------------------------------------------|
@@ -75,14 +100,23 @@ of E environments, fragments of F steps, U updates a step and batches of B, shar
 | update    | U S (update + B / L row); with processes call + U S B bytes; with several U S averaging |
 | publish   | weights + N runner: they are put into the object store once for all runners            |
 
+The runners sample the next round while the learners update. So the shorter of sampling and update is hidden behind the
+longer, and the training's process does the rest, one after the other:
+
+    seconds of a round = transport + replay + publish + max(sampling, update)
+
 Where processes share cores, sampling takes N / cores times as long, and updates L / cores times, if that is more than
-once. The model assumes that runners take equally long (a round waits for the slowest), that nothing fails, that
-memory holds, and that what one process does for N others grows with N.
+once; and both together take no less than all their work divided by the cores: then only a share of the shorter one is
+hidden. Without overlap a round is the sum of its parts, and publishing waits until the runners have the weights.
+Without runners it is the sum, too, with E F steps and no transport.
+
+The model assumes that runners take equally long (a round waits for the slowest), that nothing fails, that memory holds,
+and that what one process does for N others grows with N.
 
 ## Beyond this machine
 
-The model with a core for every process. `at most` is what no number of runners passes; the last column is how many
-reach nine tenths of it.
+The model with a core for every process. Shares are of a round's seconds, what it waits for; `hidden` is what it does
+not wait for. `at most` is what no number of runners passes; the last column is how many reach nine tenths of it.
 
 {far}
 
@@ -92,24 +126,120 @@ reach nine tenths of it.
 
 def text(found: Found) -> str:
     """The report, in Markdown."""
-    tables = {table.__name__: table(found) for table in (rounds, returns, parts, far, moves)}
+    tables = {table.__name__: table(found) for table in (beside, choice, learners, returns, parts, far, moves)}
+    costs, setup = Costs(**found["costs"]), found["setup"]
     return TEXT.format(
-        **{**found["setup"], **found["machine"], **found["return"], **tables, "seconds": found["seconds"]}
+        **{**setup, **found["machine"], **found["return"], **tables},
+        seconds=found["seconds"],
+        hides=found["hides"],
+        enough=found["enough"],
+        worst=min(of_the_fastest(found, one) for one in found["rounds"] if is_auto(found, one)),
+        samples=setup["envs"] / (costs.step_call + setup["envs"] * costs.step_env),
+        updates=1 / (costs.update_call + setup["batch"] * costs.update_row),
     )
 
 
-def rounds(found: Found) -> str:
-    """Measured and modelled, by runners and learners."""
+def is_auto(found: Found, one: Found) -> bool:
+    """Whether a measurement is of what ``runners.count: auto`` chooses."""
+    runners = {auto["updates_per_step"]: auto["runners"] for auto in found["auto"]}
+    return one["learners"] == 0 and one["overlap"] and one["runners"] == runners[one["updates_per_step"]]
+
+
+def of_the_fastest(found: Found, one: Found) -> float:
+    """Samples a second of a measurement over the most with as many updates a step, learners in the same place."""
+    rivals = [
+        rival["samples_per_second"]
+        for rival in found["rounds"]
+        if (rival["updates_per_step"], rival["learners"]) == (one["updates_per_step"], one["learners"])
+    ]
+    return float(one["samples_per_second"] / max(rivals))
+
+
+def gain(found: Found, one: Found) -> float | None:
+    """Samples a second of a measurement over those with the next fewer runners, overlapping where there are any."""
+    fewer = [
+        other
+        for other in found["rounds"]
+        if other["runners"] < one["runners"]
+        and other["overlap"]
+        and (other["updates_per_step"], other["learners"]) == (one["updates_per_step"], one["learners"])
+    ]
+    if not fewer or not one["overlap"]:
+        return None
+    return float(one["samples_per_second"] / max(fewer, key=lambda other: other["runners"])["samples_per_second"])
+
+
+def beside(found: Found) -> str:
+    """Measured and modelled where the training's process learns, by updates a step, runners and overlap."""
     rows = [
         [
-            str(one["runners"]), str(one["learners"]), f"{one['samples_per_second']:,.0f}",
-            f"{one['updates_per_second']:,.0f}", f"{one['modelled_samples_per_second']:,.0f}",
-            f"{one['modelled_samples_per_second'] / one['samples_per_second']:.2f}", one["bottleneck"],
+            fraction(one["updates_per_step"]), f"{one['runners']}{' (auto)' * is_auto(found, one)}", overlap(one),
+            *speeds(one), f"{of_the_fastest(found, one):.0%}",
+            "-" if (times := gain(found, one)) is None else f"{times:.2f}", *modelled(one),
         ]
-        for one in found["rounds"]
+        for one in found["rounds"] if one["learners"] == 0
     ]  # fmt: skip
-    head = ["runners", "learners", "samples/s", "updates/s", "model: samples/s", "model / measured", "most of it is"]
+    head = ["updates a step", "runners", "overlap", "samples/s", "updates/s", "of the fastest", "gain", *MODELLED]
     return markdown(head, rows)
+
+
+def choice(found: Found) -> str:
+    """What ``runners.count: auto`` goes by."""
+    rows = [
+        [
+            fraction(one["updates_per_step"]), f"{one['hiding_runners']:.2g}", f"{one['enough_runners']:,}",
+            f"{one['wanted']:,}", f"{one['runners']:,}",
+        ]
+        for one in found["auto"]
+    ]  # fmt: skip
+    head = ["updates a step", "runners hidden behind updates", "90 % of the limit with", "auto, cores enough", "here"]
+    return markdown(head, rows)
+
+
+def learners(found: Found) -> str:
+    """Measured and modelled with overlap and the usual updates a step, by learners and runners."""
+    rows = [
+        [str(one["learners"]), str(one["runners"]), *speeds(one), *modelled(one)]
+        for one in sorted(found["rounds"], key=lambda one: (one["learners"], one["runners"]))
+        if one["updates_per_step"] == found["setup"]["updates_per_step"] and one["overlap"] and one["runners"]
+    ]
+    return markdown(["learners", "runners", "samples/s", "updates/s", *MODELLED], rows)
+
+
+#: The columns of `modelled`.
+MODELLED = ("model: samples/s", "model / measured", "waits most for", "hidden")
+
+
+def modelled(one: Found) -> list[str]:
+    """What the model says beside a measurement."""
+    model = one["model"]
+    return [
+        f"{model['samples_per_second']:,.0f}", f"{model['samples_per_second'] / one['samples_per_second']:.2f}",
+        model["bottleneck"], hidden(model),
+    ]  # fmt: skip
+
+
+def hidden(model: Found) -> str:
+    """Which part the round does not wait for, and behind which it is hidden."""
+    shorter, longer = model["behind"]
+    return f"{model['hidden']:.0%} of {shorter} behind {longer}" if model["hidden"] > 0 else "-"
+
+
+def speeds(one: Found) -> list[str]:
+    """Samples and updates a second."""
+    return [f"{one['samples_per_second']:,.0f}", f"{one['updates_per_second']:,.0f}"]
+
+
+def overlap(one: Found) -> str:
+    """Whether runners sample while the learner updates; a dash where there are none."""
+    if not one["runners"]:
+        return "-"
+    return "yes" if one["overlap"] else "no"
+
+
+def fraction(value: float) -> str:
+    """As 1/16."""
+    return str(Fraction(value).limit_denominator(10_000))
 
 
 def returns(found: Found) -> str:
@@ -141,14 +271,13 @@ def far(found: Found) -> str:
     names = list(found["far"][0]["shares"])
     rows = [
         [
-            one["settings"], f"{one['runners']:,}", f"{one['samples_per_second']:,.0f}",
-            f"{one['updates_per_second']:,.0f}", *(f"{one['shares'][name]:.0%}" for name in names),
-            one["bottleneck"], f"{one['most_samples_per_second']:,.0f}", f"{one['enough_runners']:,.0f}",
+            one["settings"], f"{one['runners']:,}", *speeds(one), *(f"{one['shares'][name]:.0%}" for name in names),
+            hidden(one), f"{one['most_samples_per_second']:,.0f}", f"{one['enough_runners']:,}",
         ]
         for one in found["far"]
     ]  # fmt: skip
     return markdown(
-        ["settings", "runners", "samples/s", "updates/s", *names, "bottleneck", "at most", "90 % of it with"], rows
+        ["settings", "runners", "samples/s", "updates/s", *names, "hidden", "at most", "90 % of it with"], rows
     )
 
 
@@ -157,30 +286,25 @@ def moves(found: Found) -> str:
     return markdown(["bottleneck", "what moves it"], [list(pair) for pair in MOVES.items()])
 
 
-Points = list[tuple[float, float]]
-
-
-def curves(found: Found) -> tuple[dict[str, tuple[Points, Points]], dict[str, Points]]:
-    """What `draw_scaling` draws: by learners the measured and the modelled, and by settings the modelled.
+def curves(found: Found) -> tuple[dict[str, Here], dict[str, Points]]:
+    """What `draw_scaling` draws: by updates a step the measured and the modelled, and by settings the modelled.
 
     Each point is (runners, samples a second).
     """
-    here: dict[str, tuple[Points, Points]] = {}
+    here: dict[str, Here] = {}
     for one in found["rounds"]:
-        label = _learners(one["learners"])
-        measured, modelled = here.setdefault(label, ([], []))
-        measured.append((one["runners"], one["samples_per_second"]))
-        modelled.append((one["runners"], one["modelled_samples_per_second"]))
-    return here, {one["settings"]: _modelled(found, one["changes"]) for one in found["far"]}
+        if one["learners"]:
+            continue
+        overlapping, waiting, model = here.setdefault(
+            f"{fraction(one['updates_per_step'])} updates a step", Here([], [], [])
+        )
+        (overlapping if one["overlap"] else waiting).append((one["runners"], one["samples_per_second"]))
+        if one["overlap"]:
+            model.append((one["runners"], one["model"]["samples_per_second"]))
+    return here, {one["settings"]: _along(found, one["changes"]) for one in found["far"]}
 
 
-def _modelled(found: Found, changes: Mapping[str, Any]) -> Points:
+def _along(found: Found, changes: Mapping[str, Any]) -> Points:
     """Samples a second along ``RANGE``, with other settings and a core for every process."""
     costs, settings = Costs(**found["costs"]), {**found["setup"], **changes, "cores": None}
     return [(float(n), round_of(costs, Setup(runners=n, **settings)).samples_per_second) for n in RANGE]
-
-
-def _learners(count: int) -> str:
-    if count == 0:
-        return "learner in the training's process"
-    return f"{count} learner process{'es' if count > 1 else ''}"

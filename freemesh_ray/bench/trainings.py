@@ -21,6 +21,7 @@ def algorithm(
     learners: int = 0,
     envs: int = ENVS,
     batch: int = BATCH_SIZE,
+    updates_per_step: float = RATIO,
     seed: int = 0,
     warmup: int = 1000,
     **settings: Any,
@@ -37,7 +38,7 @@ def algorithm(
         .learners(num_learners=learners, num_cpus_per_learner=1)
         .training(
             warmup_steps=warmup,
-            updates_per_step=RATIO,
+            updates_per_step=updates_per_step,
             initial_alpha=1.0,  # as Stable-Baselines3 begins
             train_batch_size_per_learner=batch // max(1, learners),
             **settings,
