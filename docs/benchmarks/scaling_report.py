@@ -49,20 +49,20 @@ on the CPU.
 Samples and updates a second over {seconds:g} s of training after the warm-up, with everything a round does. The
 learner is in the training's process. Runners are processes of their own, which sample the next round while the learner
 updates (`runners.overlap`); with 0 runners the training's process samples, too. All share the {cores} cores: what is
-above them waits. `(auto)` is the number that `runners.count: auto` chooses here; `of the fastest` compares
-with the most samples a second at the same updates a step, `gain` with the line of fewer runners, both with overlap.
-The model's number is made of parts that were measured alone (below), not fitted to these.
+above them waits. `(auto)` is the number that `runners.count: auto` chooses here. `of the fastest` compares with the
+most samples a second at the same updates a step, `gain` with the line of fewer runners that overlap. The model's
+number is made of parts that were measured alone (below), not fitted to these.
 
 {beside}
 
 At these updates a step `auto` has {worst:.0%} of the fastest's samples a second or more; two measurements of the same
 may differ by a few percent.
 
-How many runners it takes: a runner samples {samples:,.0f} steps a second where nothing else is to do, the learner
-makes {updates:,.0f} updates, {hides:.2g} for each of these steps. With that many updates a step or more, one runner's
-sampling is hidden behind the updates; with U of them, {hides:.2g} / U runners' is. More runners than that still help a
-little, as a round's fixed costs are shared by more steps. `auto` takes {enough:g} / U, rounded up, and at most one for
-each core beside the learner's.
+How many runners it takes: a runner that does nothing else samples {samples:,.0f} steps a second, a learner that does
+nothing else makes {updates:,.0f} updates. That is {hides:.2g} updates for each step: with so many a step, or more, the
+sampling of one runner is hidden behind the updates, and with U a step that of {hides:.2g} / U runners. A few more still
+help, as more steps share what a round costs once. `auto` takes {enough:g} / U, rounded up, and at most one for each
+core beside the learner's.
 
 {choice}
 

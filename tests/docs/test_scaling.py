@@ -304,3 +304,4 @@ def test_curves_hold_what_was_found(found: dict[str, object]) -> None:
 def test_the_page_is_what_its_numbers_say() -> None:
     found = json.loads((ROOT / "docs/scaling.json").read_text())
     assert (ROOT / "docs/scaling.md").read_text() == scaling_report.text(found)
+    assert found["hides"] <= found["enough"] == scaling.ENOUGH
