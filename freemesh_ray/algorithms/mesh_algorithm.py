@@ -129,6 +129,8 @@ class MeshAlgorithm(Algorithm):
         #: To remote env runners; to the one in this process what it is asked for next.
         self._calls = RunnerCalls(self.env_runner_group._worker_manager, self.config.runner_timeout)
         self._wanted: tuple[str, dict[str, Any]] | None = None
+        #: What a plug-in did, in an env runner.
+        self._fault: str | None = None
         #: Since when no env runner answers; None while one does.
         self._silent: float | None = None
         self._probed = time.monotonic()
@@ -168,10 +170,14 @@ class MeshAlgorithm(Algorithm):
             Cut: it is hurried.
         """
         self._leave_if_hurried()
-        return self._answers()
+        answers = self._answers()
+        if self._fault is not None:
+            fault, self._fault = self._fault, None
+            raise PluginError(fault)
+        return answers
 
     def _answers(self) -> list[Any]:
-        """`_from_runners`, hurried or not."""
+        """`_from_runners`, hurried or not; it keeps for that what a plug-in did, so that a checkpoint can be saved."""
         if self._wanted is not None:
             (method, request), self._wanted = self._wanted, None
             found = {0: getattr(self.env_runner, method)(**request)}
@@ -184,8 +190,9 @@ class MeshAlgorithm(Algorithm):
         for runner, answer in found.items():
             if isinstance(answer, Failure):
                 if answer.plugged:
-                    raise PluginError(answer.reason)
-                self._failed(runner, answer.reason)
+                    self._fault = answer.reason
+                else:
+                    self._failed(runner, answer.reason)
             else:
                 self._failures.pop(runner, None)
                 answers.append(answer)

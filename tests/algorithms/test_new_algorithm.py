@@ -20,7 +20,6 @@ from freemesh_ray import config
 from freemesh_ray.algorithms.build import build, config_class
 from freemesh_ray.config import ConfigError
 from freemesh_ray.local_ray import local_ray
-from freemesh_ray.policies.policy import Policy
 from freemesh_ray.training.job import train
 
 pytestmark = pytest.mark.slow
@@ -91,6 +90,6 @@ def test_a_training_of_it_goes_on_from_its_checkpoint_to_the_same_policy(tmp_pat
         parts = trained("parts", resume=True)
     assert parts.progress.env_steps == whole.progress.env_steps >= 1200
     assert parts.progress.best == whole.progress.best
-    for (ours, _), (theirs, _) in zip(Policy.load(parts.policy).layers, Policy.load(whole.policy).layers, strict=True):
+    for (ours, _), (theirs, _) in zip(parts.policy.layers, whole.policy.layers, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    assert Policy.load(parts.policy).critic
+    assert parts.policy.critic

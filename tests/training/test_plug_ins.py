@@ -193,7 +193,7 @@ def test_what_cannot_be_had_is_told_before_anything_is_begun(
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize("count", [0, 1])
+@pytest.mark.parametrize("count", [0, 2])
 def test_one_that_raises_ends_the_training_after_a_checkpoint_and_once(
     count: int, trained: Trained, module: str, tmp_path: Path
 ) -> None:
