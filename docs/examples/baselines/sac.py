@@ -2,8 +2,8 @@
 
     .venv/bin/python docs/examples/baselines/sac.py --domain T1 --steps 30000 --seed 356 --out baseline
 
-Its settings are those of `freemesh train`. Written to --out: `evaluations.csv`, a line for each evaluation, and
-`actor.pt`, the state of the policy network.
+Its settings are those of tune_configs/defaults.yaml. Written to --out: `evaluations.csv`, a line for each evaluation,
+and `actor.pt`, the state of the policy network.
 """
 
 from __future__ import annotations
