@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from envs.errors import PluginError
 from envs.plug_in import NONE
 from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
+from freemesh_ray.algorithms.env_runner import Failure
+from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import Policy, PolicyError
@@ -212,6 +215,26 @@ def test_one_that_raises_ends_the_training_after_a_checkpoint_and_once(
     del sys.modules[module]
     run = trained(**own, resume=True, budget__env_steps=1600)
     assert run.progress.env_steps >= 1600
+
+
+class Calls(list):
+    """Answers of env runners, given once."""
+
+    def answers(self) -> dict[int, Any]:
+        found = dict(enumerate(self))
+        self.clear()
+        return found
+
+
+def test_a_failure_that_is_found_while_a_checkpoint_is_saved_does_not_keep_it_from_being_saved() -> None:
+    algorithm = MeshAlgorithm.__new__(MeshAlgorithm)
+    vars(algorithm).update(
+        _wanted=None, _calls=Calls(["answer", Failure("a plug-in: raised", plugged=True)]), _failures=Counter(),
+        _fault=None, _silent=None, hurried=lambda: False,
+    )  # fmt: skip
+    assert algorithm._answers() == ["answer"]  # as `get_state` asks
+    with pytest.raises(PluginError, match="a plug-in: raised"):
+        algorithm._from_runners()
 
 
 def test_a_metric_that_fails_loses_nothing(trained: Trained, module: str, tmp_path: Path) -> None:
