@@ -82,10 +82,9 @@ class Case:
 
     def __str__(self) -> str:
         """In words."""
-        return (
-            f"{self.runners} runners, {self.learners} learners, {self.updates_per_step:g} updates a step"
-            + ", without overlap" * (not self.overlap)
-        )
+        ratio = scaling_report.fraction(self.updates_per_step)
+        told = f"runners: {self.runners}, learners: {self.learners}, updates a step: {ratio}"
+        return told if self.overlap else f"{told}, without overlap"
 
 
 @dataclass(frozen=True)
@@ -197,7 +196,7 @@ def write_scaling(seconds: float, folder: Path) -> None:
             progress(f"{i} of {all_}: training rounds, {case}")
             measured.append(rounds(case, seconds))
         for i, runners in enumerate(racing, 2 + len(planned)):
-            progress(f"{i} of {all_}: the time to a return of {wanted:g}, {runners} runners")
+            progress(f"{i} of {all_}: the time to a return of {wanted:g}, runners: {runners}")
             reached.append(time_to_return(runners, wanted))
     progress("all is measured")
     found = summary(costs, measured, reached, auto, wanted=wanted, seconds=seconds, cores=cores)

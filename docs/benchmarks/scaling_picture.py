@@ -44,8 +44,8 @@ def draw_scaling(here: Mapping[str, Here], beyond: Mapping[str, Points], path: s
         left.plot(*np.array(points.overlapping).T, **dots, label=label)
         left.plot(*np.array(points.waiting).T, **dots, fillstyle="none")
         left.plot(*np.array(points.modelled).T, color=colour(i), linestyle="--", linewidth=1.2)
-    left.set_title("measured here (rings: no overlap), and the model (dashed)", color=INK, fontsize=9)
-    left.set_xscale("symlog", base=2, linthresh=1)
+    left.set_title("measured here (rings: no overlap),\nand the model (dashed)", color=INK, fontsize=9)
+    left.set_xscale("symlog", base=2, linthresh=2)
     left.set_xticks(sorted({runners for points in here.values() for runners, _ in points.overlapping}))
     for i, (label, modelled) in enumerate(beyond.items()):
         right.plot(*np.array(modelled).T, **line(i), label=label)
@@ -54,6 +54,8 @@ def draw_scaling(here: Mapping[str, Here], beyond: Mapping[str, Points], path: s
     for axes in (left, right):
         axes.set_yscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_major_formatter("{x:,.0f}")
+        axes.yaxis.set_minor_formatter("")
         axes.set_xlabel("env runners")
         axes.set_ylabel("samples a second")
         plain(axes)

@@ -62,7 +62,8 @@ How many runners it takes: a runner that does nothing else samples {samples:,.0f
 nothing else makes {updates:,.0f} updates. That is {hides:.2g} updates for each step: with so many a step, or more, the
 sampling of one runner is hidden behind the updates, and with U a step that of {hides:.2g} / U runners. A few more still
 help, as more steps share what a round costs once. `auto` takes {enough:g} / U, rounded up, and at most one for each
-core beside the learner's.
+core beside the learner's. One runner spares the training's process {spared:.2g} ms of sampling a round, and costs it
+{remote:.2g} ms more for answers and weights: the fewer updates a round has, the more that counts.
 
 {choice}
 
@@ -115,8 +116,9 @@ and that what one process does for N others grows with N.
 
 ## Beyond this machine
 
-The model with a core for every process. Shares are of a round's seconds, what it waits for; `hidden` is what it does
-not wait for. `at most` is what no number of runners passes; the last column is how many reach nine tenths of it.
+The model with a core for every process. Shares are of the seconds that a round takes: how long it waits for each part;
+`hidden` is what it does not wait for. `at most` is what no number of runners passes; the last column is how many reach
+nine tenths of it.
 
 {far}
 
@@ -128,13 +130,16 @@ def text(found: Found) -> str:
     """The report, in Markdown."""
     tables = {table.__name__: table(found) for table in (beside, choice, learners, returns, parts, far, moves)}
     costs, setup = Costs(**found["costs"]), found["setup"]
+    here, one = (round_of(costs, Setup(runners=n, **setup)).parts for n in (0, 1))
     return TEXT.format(
         **{**setup, **found["machine"], **found["return"], **tables},
         seconds=found["seconds"],
         hides=found["hides"],
         enough=found["enough"],
-        worst=min(of_the_fastest(found, one) for one in found["rounds"] if is_auto(found, one)),
+        worst=min(of_the_fastest(found, case) for case in found["rounds"] if is_auto(found, case)),
         samples=setup["envs"] / (costs.step_call + setup["envs"] * costs.step_env),
+        spared=1e3 * here["sampling"],
+        remote=1e3 * (one["transport"] + one["publish"] - here["publish"]),
         updates=1 / (costs.update_call + setup["batch"] * costs.update_row),
     )
 
@@ -283,7 +288,7 @@ def far(found: Found) -> str:
 
 def moves(found: Found) -> str:
     """What moves each part."""
-    return markdown(["bottleneck", "what moves it"], [list(pair) for pair in MOVES.items()])
+    return markdown(["waits most for", "what moves it"], [list(pair) for pair in MOVES.items()])
 
 
 def curves(found: Found) -> tuple[dict[str, Here], dict[str, Points]]:

@@ -247,10 +247,16 @@ def test_what_is_found_is_written_in_words_tables_and_a_picture(found: dict[str,
     assert markdown(["runners", "seconds", "env steps", "updates"],
                     [["0", "61", "24,000", "12,000"], ["1", "not in 90", "9,000", "4,500"]]) in text  # fmt: skip
     assert MOVES["update"] in text
+    # By hand: 8 steps of 1 ms + 16 x 0.1 ms; 2 + 1 ms and 128 x 100 bytes, 2.5 ms of weights in place of 0.3 ms.
+    told = " ".join(text.split())
+    assert "spares the training's process 21 ms of sampling a round, and costs it 5.3 ms more" in told
     assert "{" not in text
     ratios = [one["model"]["samples_per_second"] / one["samples_per_second"] for one in read["rounds"]]
     assert ratios == pytest.approx([1.0] * len(ratios))
-    draw_scaling(*scaling_report.curves(read), tmp_path / "scaling.png")
+    figure = draw_scaling(*scaling_report.curves(read), tmp_path / "scaling.png")
+    labels = [label.get_text() for axes in figure.axes for label in (*axes.get_xticklabels(), *axes.get_yticklabels())]
+    assert "1,000" in labels
+    assert not any("$" in label for label in labels)
     assert (tmp_path / "scaling.png").stat().st_size > 10_000
 
 
