@@ -18,20 +18,36 @@ def tree(**settings: Any) -> dict[str, Any]:
 
 
 @given(
-    cores=st.integers(1, 64), learners=st.integers(0, 4), updates=st.floats(1e-4, 4.0),
+    cores=st.integers(1, 64), learners=st.sampled_from([0, 1, 2, 4]), updates=st.floats(1e-4, 4.0), fragment=st.integers(1, 256),
     algorithm=st.sampled_from(["sac", "td3", "ppo"]),
 )  # fmt: skip
-def test_auto_never_takes_more_than_the_cores(cores: int, learners: int, updates: float, algorithm: str) -> None:
+def test_auto_never_takes_more_than_the_cores(
+    cores: int, learners: int, updates: float, fragment: int, algorithm: str
+) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
-        count, fewer = (
-            runner_count(tree(learner__count=learners, learner__updates_per_step=often, algorithm=algorithm))
-            for often in (updates, min(4.0, 2 * updates))
+        count, fewer, longer = (
+            runner_count(
+                tree(
+                    learner__count=learners,
+                    learner__updates_per_step=often,
+                    runners__fragment=steps,
+                    algorithm=algorithm,
+                )
+            )
+            for often, steps in ((updates, fragment), (min(4.0, 2 * updates), fragment), (updates, 1000))
         )
-    assert 0 <= fewer <= count <= (cores if algorithm == "ppo" else cores - 1)
-    assert count >= 1 or cores <= max(1, learners)
-    if cores == 1:
-        assert count == 0
+    assert 0 <= fewer <= count <= longer <= (cores if algorithm == "ppo" else cores - 1)
+    assert longer >= 1 or cores <= max(1, learners)
+
+
+def test_a_round_that_is_sooner_taken_than_sent_is_taken_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the defaults it takes about a millisecond, and its messages two and a half."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    assert runner_count(tree()) == 0
+    assert runner_count(tree(runners__fragment=64)) == 1
+    assert runner_count(tree(runners__fragment=64, learner__updates_per_step=1 / 256)) == 3
+    assert runner_count(tree(runners__envs_per_runner=128)) == 1
 
 
 def test_a_number_is_taken_as_it_stands() -> None:
