@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 from freemesh_ray.policies.evaluation import DETERMINISTIC
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import VariantResult, iqm_interval
 from freemesh_ray.statistics.bootstrap import Interval
-from freemesh_ray.statistics.improvement import Verdict, improvement_interval, p_value, verdict
+from freemesh_ray.statistics.improvement import improvement_interval
+from freemesh_ray.statistics.permutation import holm, two_sided
 
 #: More pairs than a reader takes in.
 MANY = 15
@@ -24,7 +25,8 @@ class Comparison:
         x, y: labels.
         runs: of x and of y.
         by_final: P(X > Y) by the final value of the metric.
-        p_value: how often equal variants would come out in this order by it, as clearly or more.
+        p_value: how often equal variants would differ by it as clearly or more, in either order.
+        p_corrected: the same by Holm, over all pairs; of a single pair, ``p_value``.
         by_score: P(X > Y) by the score on the evaluation domains; None without any.
     """
 
@@ -33,30 +35,17 @@ class Comparison:
     runs: tuple[int, int]
     by_final: Interval
     p_value: float
+    p_corrected: float
     by_score: Interval | None
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What was expected of two variants, and what the runs say.
-
-    Attributes:
-        better, worse: their labels, as expected.
-        comparison: None where one of the two has no evaluation yet.
-        verdict: undecided without a comparison.
-    """
-
-    better: str
-    worse: str
-    comparison: Comparison | None
-    verdict: Verdict
 
 
 def all_pairs(variants: Sequence[VariantResult], transfer: Transfer) -> list[Comparison]:
     """All pairs of variants with evaluations, the one with the higher final metric first."""
     known = [variant for variant in variants if variant.final_metric.size]
     ranked = sorted(known, key=lambda variant: -float(iqm_interval(variant.final_metric).value))
-    return [compare(x, y, transfer) for x, y in combinations(ranked, 2)]
+    found = [compare(x, y, transfer) for x, y in combinations(ranked, 2)]
+    corrected = holm([each.p_value for each in found])
+    return [replace(each, p_corrected=p) for each, p in zip(found, corrected, strict=True)]
 
 
 def pairs_to_show(comparisons: Sequence[Comparison]) -> list[Comparison]:
@@ -71,23 +60,5 @@ def compare(x: VariantResult, y: VariantResult, transfer: Transfer) -> Compariso
     scores = [transfer.of(variant.label, "score", DETERMINISTIC) for variant in (x, y)]
     by_score = improvement_interval(*scores) if all(each.size for each in scores) else None
     by_final = improvement_interval(a[:, None], b[:, None])
-    p = p_value(a, b) if by_final.value >= 0.5 else p_value(b, a)
-    return Comparison(x.label, y.label, (len(a), len(b)), by_final, p, by_score)
-
-
-def outcomes(
-    expects: Sequence[tuple[str, str]], variants: Sequence[VariantResult], transfer: Transfer
-) -> list[Outcome]:
-    """What the runs say on each pair (better, worse) that is expected, by the final value of the metric."""
-    by_label: Mapping[str, VariantResult] = {variant.label: variant for variant in variants}
-    found = []
-    for better, worse in expects:
-        x, y = by_label[better], by_label[worse]
-        if not x.final_metric.size or not y.final_metric.size:
-            found.append(Outcome(better, worse, None, Verdict.UNDECIDED))
-            continue
-        # Looking again and again while runs come in would find an order by chance sooner or later.
-        early = any(variant.under_way or variant.provisional for variant in (x, y))
-        said = Verdict.UNDECIDED if early else verdict(x.final_metric, y.final_metric)
-        found.append(Outcome(better, worse, compare(x, y, transfer), said))
-    return found
+    p = two_sided(a, b)
+    return Comparison(x.label, y.label, (len(a), len(b)), by_final, p, p, by_score)

@@ -9,6 +9,7 @@ from typing import Any
 from envs.types import Floats
 from freemesh_ray.formatting.csv_text import csv_text
 from freemesh_ray.report.comparisons import Comparison
+from freemesh_ray.report.outcomes import Outcome
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import FINALS, VariantResult
 from freemesh_ray.statistics.bootstrap import Interval
@@ -71,10 +72,26 @@ def comparisons(path: Path, found: Sequence[Comparison]) -> Path:
     """Write every pair of variants."""
     nothing = (None, None, None)
     rows = [
-        [each.x, each.y, *each.runs, *map(float, each.by_final), each.p_value,
+        [each.x, each.y, *each.runs, *map(float, each.by_final), each.p_value, each.p_corrected,
          *(nothing if each.by_score is None else map(float, each.by_score))]
         for each in found
     ]  # fmt: skip
-    header = ["x", "y", "runs_x", "runs_y", "by_final", "by_final_low", "by_final_high", "p_value",
+    header = ["x", "y", "runs_x", "runs_y", "by_final", "by_final_low", "by_final_high", "p_value", "p_corrected",
               "by_score", "by_score_low", "by_score_high"]  # fmt: skip
+    return write(path, header, rows)
+
+
+def expectations(path: Path, outcomes: Sequence[Outcome]) -> Path:
+    """Write every expectation and what came of it; the difference is that of the means, x less y."""
+    rows = []
+    for outcome in outcomes:
+        e = outcome.evidence
+        measured: list[float | None] = [None] * 9
+        if e.comparison is not None:
+            measured = [*map(float, e.comparison.by_final), *map(float, e.difference.interval), e.difference.margin,
+                        *((outcome.p_value, outcome.p_corrected) if e.complete else (None, None))]  # fmt: skip
+        rows.append([str(e.expectation), len(e.x), len(e.y), *measured, outcome.verdict, outcome.seeds])
+    header = ["expected", "runs_x", "runs_y", "by_final", "by_final_low", "by_final_high",
+              "difference", "difference_low", "difference_high", "margin", "p_value", "p_corrected",
+              "verdict", "seeds_to_decide"]  # fmt: skip
     return write(path, header, rows)

@@ -20,7 +20,7 @@ from freemesh_ray.statistics.bootstrap import Interval
 THRESHOLDS: Floats = np.linspace(0.0, 1.0, 101)
 #: Share of the training after which the scale of returns holds all of them: before, some are far below.
 EARLY = 0.5
-BANDS = "line: interquartile mean over seeds; band: 95 % bootstrap interval"
+BANDS = "line: interquartile mean over seeds; band: 95 % interval"
 ONE_SEED = "one seed each: no band"
 
 
@@ -74,7 +74,7 @@ def profiles(folder: Path, found: Mapping[str, Interval]) -> Path:
         "score τ: element quality, 0 where not completed", "share of runs and domains above τ", -0.02, 1.02,
         stepped=True,
     )  # fmt: skip
-    note = "band: 95 % bootstrap interval"
+    note = "band: 95 % interval"
     return in_every_format(folder, "profile", lambda path: draw_bands([panel], path, "Performance profile", note))
 
 

@@ -13,8 +13,10 @@ from pathlib import Path
 from freemesh_ray.policies.evaluation import DETERMINISTIC
 from freemesh_ray.report import EPISODES, csv_files, pictures, search, sections
 from freemesh_ray.report.against_paper import paper_table
-from freemesh_ray.report.comparisons import all_pairs, outcomes, pairs_to_show
+from freemesh_ray.report.comparisons import all_pairs, pairs_to_show
+from freemesh_ray.report.expectations import expectations
 from freemesh_ray.report.formats import final
+from freemesh_ray.report.outcomes import evidence, judged
 from freemesh_ray.report.results import Results, read
 from freemesh_ray.report.sections import Picture
 from freemesh_ray.report.transfer import Transfer, transfer
@@ -77,13 +79,14 @@ def report_variants(
     """A study of variants: its tables and pictures, written to ``out``, and what writes its text."""
     study, variants = results.study, variant_results(results)
     evaluated = transfer([trial for each in variants for trial in each.used], study.domains, episodes, note)
-    pairs, said = all_pairs(variants, evaluated), outcomes(study.expects, variants, evaluated)
+    pairs, said = all_pairs(variants, evaluated), judged(evidence(study.expects, variants, evaluated))
     papers = paper_table(variants, evaluated.policies)
     by = final(study.metric)
     csv_files.curves(out / "curves.csv", variants)
     csv_files.finals(out / "final.csv", variants, return_threshold(variants))
     csv_files.domains(out / "domains.csv", evaluated)
     csv_files.comparisons(out / "comparisons.csv", pairs)
+    csv_files.expectations(out / "expectations.csv", said)
     drawn = [pictures.curves(out, variants, study.title)]
     if evaluated.figures:
         drawn.append(profiles(out, results, evaluated))
@@ -93,7 +96,7 @@ def report_variants(
     def text(picture: Picture) -> tuple[list[str], list[str]]:
         main = [
             sections.opening(results),
-            sections.expectations(said, by, bool(study.paper)) if said else "",
+            expectations(said, by, bool(study.paper)) if said else "",
             sections.curves(variants, picture),
             f"## The paper's table\n\n{papers}" if papers else "",
             sections.domains(variants, evaluated, episodes, picture) if study.domains else "",

@@ -18,7 +18,7 @@ from freemesh_ray.report.formats import count, final
 from freemesh_ray.report.pictures import in_every_format
 from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.report.sections import Picture
-from freemesh_ray.statistics.curves import LAST, final_value
+from freemesh_ray.statistics.curves import final_value
 from freemesh_ray.studies.definition import Study
 
 #: Metrics of a trial beside its settings -> column, format.
@@ -30,7 +30,7 @@ class Ranked(NamedTuple):
 
     Attributes:
         trial: it.
-        finals: metric -> mean of its last evaluations: the study's metric, then those of `COLUMNS`.
+        finals: metric -> mean over the last tenth of its training: the study's metric, then those of `COLUMNS`.
     """
 
     trial: TrialResult
@@ -41,7 +41,7 @@ def ranking(results: Results) -> list[Ranked]:
     """The trials by the study's metric, the best first."""
     by = results.study.metric
     found = [
-        Ranked(trial, {name: final_value(trial.curve(name)[1]) for name in [by, *COLUMNS]})
+        Ranked(trial, {name: final_value(*trial.curve(name)) for name in [by, *COLUMNS]})
         for trial in results.trials
         if trial.status != "failed"
     ]
@@ -54,9 +54,9 @@ def default_place(ranks: Sequence[Ranked]) -> int | None:
 
 
 def nothing_completed(ranks: Sequence[Ranked], by: str) -> bool:
-    """Whether no trial completed a mesh in its last evaluations, by the actions that the metric ``by`` is of."""
+    """Whether no trial completed a mesh in its last tenth, by the actions that the metric ``by`` is of."""
     completion = metric(mode_and_figure(by)[0], "completion_rate")
-    return all(final_value(trial.curve(completion)[1]) == 0.0 for trial, _ in ranks)
+    return all(final_value(*trial.curve(completion)) == 0.0 for trial, _ in ranks)
 
 
 def section(ranks: Sequence[Ranked], picture: Picture, study: Study) -> str:
@@ -68,8 +68,8 @@ def section(ranks: Sequence[Ranked], picture: Picture, study: Study) -> str:
     (best, finals), total = ranks[0], len(ranks)
     if nothing_completed(ranks, study.metric):
         parts.append(
-            f"No trial completed a mesh in its last {LAST} evaluations: the order below says nothing, and no settings "
-            "can be recommended. Give the trials more env steps, or an easier domain."
+            "No trial completed a mesh in the last tenth of its training: the order below says nothing, and no "
+            "settings can be recommended. Give the trials more env steps, or an easier domain."
         )
     else:
         told = (
@@ -94,7 +94,7 @@ def section(ranks: Sequence[Ranked], picture: Picture, study: Study) -> str:
     titles = [by, *(title for title, _ in columns.values())]
     parts.append(markdown(["rank", "trial", *searched(study), *titles, "env steps", "status"], rows))
     parts.append(
-        f"Figures are means of the last {LAST} evaluations, one seed each: differences of a few "
+        "Figures are means over the last tenth of the training, one seed each: differences of a few "
         "ranks are within the noise of a seed, and the best of many trials is the luckiest, too. Trials that were "
         "stopped early are ranked by where they were stopped."
     )

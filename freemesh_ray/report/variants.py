@@ -11,12 +11,13 @@ import numpy as np
 from envs.types import Floats
 from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, QUALITY, RETURN, STOCHASTIC_RETURN
 from freemesh_ray.report.results import Results, TrialResult
-from freemesh_ray.statistics.bootstrap import Interval, stratified_interval
+from freemesh_ray.statistics.bootstrap import EVERYTHING, Interval, interquartile_interval
 from freemesh_ray.statistics.curves import aligned, final_value, mean_over_training, steps_to
-from freemesh_ray.statistics.interquartile import interquartile_mean_of_runs
 
 #: Metrics that have a curve each, in the order of tables.
 CURVES = (RETURN, STOCHASTIC_RETURN, COMPLETION)
+#: What rates and scores cannot leave.
+SHARES = (0.0, 1.0)
 #: Metrics that have a final value each.
 FINALS = (*CURVES, QUALITY, ELEMENTS)
 
@@ -28,7 +29,7 @@ class Band:
     Attributes:
         steps: (t,) env steps that all seeds cover.
         seeds: (n, t) values there.
-        iqm: (t,) interquartile mean over the seeds with its bootstrap interval; t may be 0.
+        iqm: (t,) interquartile mean over the seeds with its interval; t may be 0.
     """
 
     steps: Floats
@@ -45,7 +46,7 @@ class VariantResult:
         trials: all of them.
         used: those that its figures are of: the finished ones, or before there is one those with an evaluation.
         bands: metric -> its curve.
-        finals: metric -> (n,) each seed's mean over its last evaluations, in the order of ``used``.
+        finals: metric -> (n,) each seed's mean over the last tenth of its training, in the order of ``used``.
         metric: what the study's variants are judged by.
     """
 
@@ -96,29 +97,35 @@ def variant_results(results: Results) -> list[VariantResult]:
 def _result(label: str, trials: Sequence[TrialResult], metric: str) -> VariantResult:
     begun = [trial for trial in trials if trial.evaluations and trial.status != "failed"]
     used = [trial for trial in begun if trial.finished] or begun
-    bands = {name: band([trial.curve(name) for trial in used]) for name in CURVES}
-    finals = {name: np.array([final_value(trial.curve(name)[1]) for trial in used]) for name in {*FINALS, metric}}
+    bands = {
+        name: band([trial.curve(name) for trial in used], SHARES if name == COMPLETION else EVERYTHING)
+        for name in CURVES
+    }
+    finals = {name: np.array([final_value(*trial.curve(name)) for trial in used]) for name in {*FINALS, metric}}
     return VariantResult(label, trials, used, bands, finals, metric)
 
 
-def band(curves: Sequence[tuple[Floats, Floats]]) -> Band:
-    """The curves of several seeds on common steps."""
+def band(curves: Sequence[tuple[Floats, Floats]], bounds: tuple[float, float] = EVERYTHING) -> Band:
+    """The curves of several seeds on common steps, of a metric within ``bounds``."""
     steps, seeds = aligned(curves)
     if not seeds.size:
         nothing = np.empty(0)
         return Band(nothing, np.empty((0, 0)), Interval(nothing, nothing, nothing))
-    # The curve is one stratum: whole runs are drawn, the same at every step.
-    return Band(steps, seeds, stratified_interval(seeds.T[:, :, None], interquartile_mean_of_runs))
+    # Whole runs are drawn, the same at every step.
+    return Band(steps, seeds, interquartile_interval(seeds.T[:, :, None], bounds=bounds))
 
 
-def iqm_interval(scores: Floats) -> Interval:
-    """The interquartile mean of the finite scores, (n,) or (n, m), with its interval; NaN when there are none."""
+def iqm_interval(scores: Floats, bounds: tuple[float, float] = EVERYTHING) -> Interval:
+    """The interquartile mean of the finite scores, (n,) or (n, m), with its interval; NaN when there are none.
+
+    Whole rows are left out, and drawn: a seed's scores on all domains. Scores are within ``bounds``.
+    """
     scores = scores[:, None] if scores.ndim == 1 else scores
     scores = scores[np.isfinite(scores).all(axis=1)]
     if not scores.size:
         nothing = np.array(math.nan)
         return Interval(nothing, nothing, nothing)
-    return stratified_interval(scores, interquartile_mean_of_runs)
+    return interquartile_interval(scores, bounds=bounds)
 
 
 def return_threshold(variants: Sequence[VariantResult]) -> float:

@@ -1,4 +1,4 @@
-"""Intervals by the stratified percentile bootstrap."""
+"""Intervals of a statistic of few runs, by the bootstrap of whole runs."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import t as student
 
-from envs.types import Floats, Ints
+from envs.types import Floats
+from freemesh_ray.statistics.interquartile import interquartile_mean_of_runs
 
 RESAMPLES, LEVEL = 2000, 0.95
+#: Bounds of what has none.
+EVERYTHING = (-np.inf, np.inf)
 #: Scores that are resampled at a time, 8 bytes each: bounds the memory.
 AT_A_TIME = 4_000_000
 
@@ -30,18 +34,30 @@ class Interval(NamedTuple):
     high: Floats
 
 
-def stratified_interval(
-    scores: Floats, statistic: Statistic, *, resamples: int = RESAMPLES, level: float = LEVEL, seed: int = 0
+def seed_interval(
+    scores: Floats,
+    statistic: Statistic,
+    *,
+    bounds: tuple[float, float] = EVERYTHING,
+    widened: bool = True,
+    resamples: int = RESAMPLES,
+    level: float = LEVEL,
+    seed: int = 0,
 ) -> Interval:
-    """A statistic with its stratified percentile bootstrap interval (Agarwal et al., section 4.1 and appendix A.3).
+    """A statistic with its interval: the value plus and minus Student's t times its bootstrap standard error.
 
-    In each stratum n runs are drawn with replacement from its n; the interval reaches from the (1 - level) / 2 to the
-    (1 + level) / 2 quantile of the statistic over the resamples. Leading axes share the draws.
+    n whole runs, each with its scores on all domains, are drawn with replacement from the n. The standard error is the
+    deviation of the statistic over the resamples, times sqrt(n / (n - 1)) as the resamples of few runs vary too little
+    (Hesterberg 2015, *What teachers should know about the bootstrap*, The American Statistician 69); Student's t has
+    n - 1 degrees of freedom. Of a mean this is the t-interval. The percentiles of the resamples, rliable's interval,
+    cover 75 % with three runs and 89 % with five. Leading axes share the draws.
 
     Args:
-        scores: (..., n, m): n runs in each of m strata, n >= 1, finite.
+        scores: (..., n, m): n runs on each of m domains, n >= 1, finite.
         statistic: (..., n, m) -> (...), free to treat the leading axes at once.
-        resamples: how many, >= 1.
+        bounds: what the statistic cannot leave; the interval is cut there.
+        widened: whether the deviation is multiplied by sqrt(n / (n - 1)).
+        resamples: how many, >= 2.
         level: confidence, in (0, 1).
         seed: of the draws; the same seed gives the same interval.
 
@@ -49,37 +65,50 @@ def stratified_interval(
         ValueError: no run, or a score that is not finite.
     """
     scores = checked(scores)
+    n, value = scores.shape[-2], np.asarray(statistic(scores))
+    if n == 1:
+        return Interval(value, value, value)
     random = np.random.default_rng(seed)
-    strata = np.arange(scores.shape[-1])
     step = max(1, AT_A_TIME // scores.size)
     found = []
     for begin in range(0, resamples, step):
-        drawn = draws(random, min(step, resamples - begin), scores)
-        found.append(statistic(scores[..., drawn, strata]))
-    return percentile_interval(statistic(scores), np.concatenate(found, axis=-1), level)
+        drawn = random.integers(n, size=(min(step, resamples - begin), n))
+        found.append(statistic(scores[..., drawn, :]))
+    error = np.concatenate(found, axis=-1).std(axis=-1) * (np.sqrt(n / (n - 1)) if widened else 1.0)
+    half = student.ppf(0.5 * (1 + level), n - 1) * error
+    return Interval(value, np.maximum(value - half, bounds[0]), np.minimum(value + half, bounds[1]))
 
 
-def draws(random: np.random.Generator, count: int, scores: Floats) -> Ints:
-    """(count, n, m) int64: which run takes each place in each resample."""
-    n, m = scores.shape[-2:]
-    return random.integers(n, size=(count, n, m))
+def interquartile_interval(
+    scores: Floats, *, bounds: tuple[float, float] = EVERYTHING, resamples: int = RESAMPLES, level: float = LEVEL
+) -> Interval:
+    """The interquartile mean of all n m scores with its `seed_interval`.
 
+    Of runs on one domain the deviation of the resamples is taken as it is: those of few runs often have an outer run in
+    their middle half, so that they vary enough. Widened, intervals of five runs would cover more than 97 %.
 
-def percentile_interval(value: Floats, resampled: Floats, level: float) -> Interval:
-    """The value with quantiles of its resamples, the last axis of ``resampled``."""
-    low, high = np.quantile(resampled, [0.5 * (1 - level), 0.5 * (1 + level)], axis=-1)
-    return Interval(np.asarray(value), low, high)
+    Args:
+        scores: (..., n, m): n runs on each of m domains, n >= 1, finite.
+        bounds, resamples, level: of `seed_interval`.
+
+    Raises:
+        ValueError: no run, or a score that is not finite.
+    """
+    several = np.shape(scores)[-1] > 1
+    return seed_interval(
+        scores, interquartile_mean_of_runs, bounds=bounds, widened=several, resamples=resamples, level=level
+    )
 
 
 def checked(scores: Floats) -> Floats:
     """The scores as float64.
 
     Raises:
-        ValueError: no run or no stratum, or a score that is not finite.
+        ValueError: no run or no domain, or a score that is not finite.
     """
     scores = np.asarray(scores, dtype=np.float64)
     if scores.ndim < 2 or not scores.size:
-        raise ValueError(f"scores have shape {scores.shape}: give (runs, strata), at least one of each")
+        raise ValueError(f"scores have shape {scores.shape}: give (runs, domains), at least one of each")
     if not np.isfinite(scores).all():
         raise ValueError("scores are not all finite: leave such runs out")
     return scores

@@ -12,9 +12,9 @@ from envs.types import Floats
 #: One run's curve: steps and values, of one length.
 Curve = tuple[ArrayLike, ArrayLike]
 
-#: Evaluations whose mean is a run's final value: the last five, 50 episodes. One evaluation of ten episodes is noisy;
-#: the best one would reward noise.
-LAST = 5
+#: Share of the training whose evaluations are a run's final value. One evaluation of ten episodes is noisy, and the
+#: best one would reward noise; a longer share would measure how fast a run learnt.
+FINAL_SHARE = 0.1
 
 
 def aligned(curves: Sequence[Curve]) -> tuple[Floats, Floats]:
@@ -45,10 +45,15 @@ def cleaned(steps: ArrayLike, values: ArrayLike) -> tuple[Floats, Floats]:
     return x[known][order], y[known][order]
 
 
-def final_value(values: ArrayLike, last: int = LAST) -> float:
-    """Mean of the last values of a curve: (t,) -> float, of all of them when there are fewer; NaN when none."""
-    tail = np.asarray(values, dtype=np.float64)[-last:]
-    return float(tail.mean()) if len(tail) else float("nan")
+def final_value(steps: ArrayLike, values: ArrayLike) -> float:
+    """Mean of the evaluations of the last tenth of a training, from 90 % of its steps on; NaN when there are none.
+
+    Args:
+        steps: (t,), of the evaluations, rising; the training ends with the last one.
+        values: (t,).
+    """
+    x, y = np.asarray(steps, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    return float(y[x >= (1.0 - FINAL_SHARE) * x[-1]].mean()) if len(x) else float("nan")
 
 
 def steps_to(steps: ArrayLike, values: ArrayLike, threshold: float) -> float | None:

@@ -2,102 +2,64 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-from itertools import combinations
-from math import comb
-
 import numpy as np
-from scipy.stats import rankdata
 
 from envs.types import Floats
-from freemesh_ray.statistics.bootstrap import LEVEL, RESAMPLES, Interval, checked, draws, percentile_interval
-
-#: Permutations of the runs that are enumerated at most, for an exact p-value; of more, as many are drawn.
-PERMUTATIONS = 20_000
-#: A verdict needs a one-sided p-value of at most this.
-SIGNIFICANT = 0.05
-
-
-class Verdict(StrEnum):
-    """What the runs say on an expectation."""
-
-    CONFIRMED = "confirmed"
-    REFUTED = "refuted"
-    UNDECIDED = "undecided"
+from freemesh_ray.statistics.bootstrap import LEVEL, Interval, checked
+from freemesh_ray.statistics.score_interval import design_effect, score_interval
 
 
 def probability_of_improvement(x: Floats, y: Floats) -> Floats:
-    """P(X > Y): for each stratum U / (n_x n_y), Mann and Whitney's, ties counting half; then the mean over strata.
+    """P(X > Y): for each domain U / (n_x n_y), Mann and Whitney's, ties counting half; then the mean over domains.
 
     Agarwal et al., section 4.3.
 
     Args:
         x: (..., n_x, m) scores of one algorithm.
-        y: (..., n_y, m) scores of the other on the same strata.
+        y: (..., n_y, m) scores of the other on the same domains.
 
     Returns:
         (...) float64 in [0, 1]; that of (y, x) is 1 minus it.
     """
-    ahead = np.sign(x[..., :, None, :] - y[..., None, :, :])
-    return 0.5 + 0.5 * ahead.mean(axis=(-3, -2, -1))
+    return wins(x, y).mean(axis=(-2, -1))
 
 
-def improvement_interval(
-    x: Floats, y: Floats, *, resamples: int = RESAMPLES, level: float = LEVEL, seed: int = 0
-) -> Interval:
-    """P(X > Y) with its stratified bootstrap interval; both algorithms' runs are drawn anew, each on its own.
+def wins(x: Floats, y: Floats) -> Floats:
+    """(..., n_x, n_y): the share of domains on which each run of x beats each of y, ties counting half."""
+    return 0.5 + 0.5 * np.sign(x[..., :, None, :] - y[..., None, :, :]).mean(axis=-1)
+
+
+def improvement_interval(x: Floats, y: Floats, *, level: float = LEVEL) -> Interval:
+    """P(X > Y) with its interval.
+
+    On one domain it is that of Newcombe (2006, *Confidence intervals for an effect size measure based on the
+    Mann-Whitney statistic*, part 2, Statistics in Medicine 25, method 5). On several, its variance is that of whole
+    runs (`design_effect`; DeLong 1988). One run against one has none: it is the value itself.
 
     Args:
-        x: (n_x, m) scores of one algorithm.
-        y: (n_y, m) scores of the other on the same strata.
-        resamples, level, seed: of the bootstrap.
+        x: (..., n_x, m) scores of one algorithm.
+        y: (..., n_y, m) scores of the other on the same domains.
+        level: confidence, in (0, 1).
 
     Raises:
-        ValueError: scores that are not finite, or of different strata.
+        ValueError: scores that are not finite, or of different domains.
     """
     x, y = checked(x), checked(y)
-    if x.shape[1] != y.shape[1]:
-        raise ValueError(f"scores on {x.shape[1]} and {y.shape[1]} strata: give the same for both")
-    random, strata = np.random.default_rng(seed), np.arange(x.shape[1])
-    drawn = (scores[draws(random, resamples, scores), strata] for scores in (x, y))
-    return percentile_interval(probability_of_improvement(x, y), probability_of_improvement(*drawn), level)
+    domains, n = x.shape[-1], (x.shape[-2], y.shape[-2])
+    if domains != y.shape[-1]:
+        raise ValueError(f"scores on {domains} and {y.shape[-1]} domains: give the same for both")
+    value = probability_of_improvement(x, y)
+    if n == (1, 1):
+        return Interval(value, value, value)
+    if domains == 1 or min(n) == 1:
+        return score_interval(value, lambda p: newcombe_variance(p, *n), level=level)
+    own = wins(x, y)
+    estimated = own.mean(axis=-1).var(axis=-1, ddof=1) / n[0] + own.mean(axis=-2).var(axis=-1, ddof=1) / n[1]
+    effect = design_effect(estimated, newcombe_variance(value, *n), domains)
+    return score_interval(value, lambda p: newcombe_variance(p, *n), effect=effect, freedom=sum(n) - 2, level=level)
 
 
-def p_value(x: Floats, y: Floats, seed: int = 0) -> float:
-    """How often runs of equal algorithms would favour x as clearly or more: one-sided permutation test of P(X > Y).
-
-    All permutations are enumerated where there are at most `PERMUTATIONS` (exact), else as many are drawn. With three
-    runs against three the least that it can be is 1/20.
-
-    Args:
-        x: (n_x,) scores of one algorithm.
-        y: (n_y,) scores of the other.
-        seed: of the draws.
-    """
-    ranks = rankdata(np.concatenate([x, y]))  # P(X > Y) rises with the sum of x's ranks
-    observed = ranks[: len(x)].sum()
-    if comb(len(ranks), len(x)) <= PERMUTATIONS:
-        orders = np.array(list(combinations(ranks, len(x))))
-        return float(np.mean(orders.sum(axis=1) >= observed))
-    drawn = np.random.default_rng(seed).permuted(np.tile(ranks, (PERMUTATIONS, 1)), axis=1)[:, : len(x)]
-    # The permutation that was observed counts, too (Phipson and Smyth 2010).
-    return float((1 + np.sum(drawn.sum(axis=1) >= observed)) / (1 + PERMUTATIONS))
-
-
-def verdict(x: Floats, y: Floats, *, seed: int = 0) -> Verdict:
-    """Whether runs confirm that x is better than y.
-
-    Confirmed: the interval of P(X > Y) lies wholly above one half. Refuted: wholly below. Percentile intervals of very
-    few runs are too narrow, so that the p-value must also be at most `SIGNIFICANT`.
-
-    Args:
-        x: (n_x,) scores of the one expected to be better.
-        y: (n_y,) scores of the other.
-        seed: of the draws.
-    """
-    interval = improvement_interval(x[:, None], y[:, None], seed=seed)
-    if interval.low > 0.5 and p_value(x, y, seed) <= SIGNIFICANT:
-        return Verdict.CONFIRMED
-    if interval.high < 0.5 and p_value(y, x, seed) <= SIGNIFICANT:
-        return Verdict.REFUTED
-    return Verdict.UNDECIDED
+def newcombe_variance(p: Floats, n_x: int, n_y: int) -> Floats:
+    """Variance of U / (n_x n_y) where P(X > Y) is p."""
+    others = 0.5 * (n_x + n_y) - 1.0
+    return p * (1.0 - p) * (1.0 + others * ((1.0 - p) / (2.0 - p) + p / (1.0 + p))) / (n_x * n_y)

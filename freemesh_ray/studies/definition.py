@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -21,7 +21,8 @@ from freemesh_ray.policies.evaluation import METRICS, SCORE
 from freemesh_ray.studies.space import Space, read_space
 
 LABEL = Field(str, pattern=r"[\w.+=, -]{1,60}", hint="up to 60 letters, digits, spaces and . + = , _ -")
-COMPARISON = re.compile(r"\s*(.+?)\s*>\s*(.+?)\s*")
+#: What may stand between two labels of an expectation: is better than, scores the same as.
+BETTER, SAME = ">", "="
 
 #: What ``study`` may hold besides ``variants`` and ``search``; defaults are those of `Study`.
 KEYS: dict[str, Field] = {
@@ -67,6 +68,23 @@ class Search:
     perturbation: int = 10_000
 
 
+class Expectation(NamedTuple):
+    """What is expected of two variants.
+
+    Attributes:
+        x: a label.
+        relation: `BETTER` or `SAME`.
+        y: another label; of the same, the baseline.
+    """
+
+    x: str
+    relation: str
+    y: str
+
+    def __str__(self) -> str:
+        return f"{self.x} {self.relation} {self.y}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Study:
     """A study, checked.
@@ -79,7 +97,7 @@ class Study:
         search: None for a study of variants.
         seeds: each variant is trained with each; none where the variants set their seeds.
         metric: of an evaluation (`freemesh_ray.policies.evaluation`), the larger the better.
-        expects: pairs of labels (better, worse): what is expected to come out.
+        expects: what is expected to come out.
         domains: what every policy is evaluated on in the report.
         retries: how often a failed trial is tried again.
         paper, finding: where the paper has it, and what it found.
@@ -94,7 +112,7 @@ class Study:
     search: Search | None = None
     seeds: Sequence[int] = ()
     metric: str = SCORE
-    expects: Sequence[tuple[str, str]] = ()
+    expects: Sequence[Expectation] = ()
     domains: Sequence[str] = ()
     retries: int = 1
     paper: str | None = None
@@ -134,7 +152,7 @@ class Study:
         common = config.values([entry for layer in (self.settings, *self.last) for entry in layer])
         about: dict[str, Any] = {key: getattr(self, key) for key in KEYS}
         about |= {
-            "expects": [f"{better} > {worse}" for better, worse in self.expects],
+            "expects": [str(expected) for expected in self.expects],
             "seeds": list(self.seeds),
             "domains": list(self.domains),
             "variants": {label: config.values(layer) for label, layer in self.variants.items()},
@@ -268,11 +286,21 @@ def _search(name: str, node: yaml.Node, line: int) -> Search:
     return Search(space=space, **values)
 
 
-def _expected(text: str, variants: Mapping[str, Layer], place: str) -> tuple[str, str]:
-    found = COMPARISON.fullmatch(text)
-    if not found or found[1] not in variants or found[2] not in variants:
-        raise ConfigError(f"{place}: study.expects: {text!r}: write LABEL > LABEL, of {', '.join(variants)}")
-    return found[1], found[2]
+def _expected(text: str, variants: Mapping[str, Layer], place: str) -> Expectation:
+    """The one way in which a text is an expectation: labels may hold = themselves."""
+    ways = [
+        Expectation(text[: found.start()].strip(), found[0], text[found.end() :].strip())
+        for found in re.finditer(f"[{BETTER}{SAME}]", text)
+    ]
+    known = [way for way in ways if way.x in variants and way.y in variants and way.x != way.y]
+    if not known:
+        raise ConfigError(
+            f"{place}: study.expects: {text!r}: write LABEL {BETTER} LABEL or LABEL {SAME} LABEL, two of "
+            f"{', '.join(variants)}"
+        )
+    if len(known) > 1:
+        raise ConfigError(f"{place}: study.expects: {text!r}: can be read in {len(known)} ways: rename a variant")
+    return known[0]
 
 
 #: Key -> its value and its line.

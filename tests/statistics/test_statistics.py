@@ -9,9 +9,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.stats import mannwhitneyu, trim_mean
+from scipy.stats import binomtest, mannwhitneyu, sem, trim_mean
+from scipy.stats import t as student
 
-from freemesh_ray.statistics.bootstrap import stratified_interval
+from freemesh_ray.statistics.bootstrap import interquartile_interval, seed_interval
 from freemesh_ray.statistics.curves import (
     aligned,
     final_value,
@@ -19,14 +20,9 @@ from freemesh_ray.statistics.curves import (
     mean_over_training,
     steps_to,
 )
-from freemesh_ray.statistics.improvement import (
-    Verdict,
-    improvement_interval,
-    p_value,
-    probability_of_improvement,
-    verdict,
-)
+from freemesh_ray.statistics.improvement import improvement_interval, newcombe_variance, probability_of_improvement
 from freemesh_ray.statistics.interquartile import interquartile_mean, interquartile_mean_of_runs, weights
+from freemesh_ray.statistics.permutation import holm, p_value, two_sided
 from freemesh_ray.statistics.profile import performance_profile, share
 
 finite = st.floats(-1e3, 1e3)
@@ -72,40 +68,57 @@ def test_one_wild_run_does_not_move_it():
 # ---- bootstrap -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("statistic", [share, interquartile_mean_of_runs])
-def test_the_interval_is_the_quantiles_of_all_resamples(statistic):
+def test_of_a_mean_the_interval_is_students():
+    scores = np.array([3.0, 5.0, 4.0, 9.0, 6.0])
+    found = seed_interval(scores[:, None], share, resamples=200_000)
+    expected = student.interval(0.95, 4, scores.mean(), sem(scores))
+    np.testing.assert_allclose([found.low, found.high], expected, rtol=0.01)
+
+
+def test_the_standard_error_is_that_of_all_resamples():
     scores = np.array([[0.3], [1.9], [5.0]])
-    every = np.sort([statistic(np.array(drawn)[:, None]) for drawn in product(scores[:, 0], repeat=3)])
-    found = stratified_interval(scores, statistic, resamples=100_000, level=0.8)
-    assert found.value == statistic(scores)
-    # The tenth of 27 equally likely resamples ends within the third, from either side.
-    assert found.low == pytest.approx(every[2])
-    assert found.high == pytest.approx(every[-3])
+    every = [interquartile_mean_of_runs(np.array(drawn)[:, None]) for drawn in product(scores[:, 0], repeat=3)]
+    half = student.ppf(0.9, 2) * np.std(every) * np.sqrt(3 / 2)
+    found = seed_interval(scores, interquartile_mean_of_runs, resamples=200_000, level=0.8)
+    assert found.value == interquartile_mean_of_runs(scores)
+    np.testing.assert_allclose([found.low, found.high], [found.value - half, found.value + half], rtol=0.01)
 
 
-def test_strata_are_drawn_each_on_its_own():
-    """Two strata far apart: a resample never mixes them, so that the mean stays within what the runs' spread allows."""
-    scores = np.array([[0.0, 100.0], [1.0, 101.0]])
-    found = stratified_interval(scores, share)
-    assert (found.low, found.value, found.high) == (50.0, 50.5, 51.0)
+def test_on_one_domain_an_interquartile_mean_is_not_widened():
+    scores = np.random.default_rng(0).normal(size=(5, 1))
+    found, wide = interquartile_interval(scores), seed_interval(scores, interquartile_mean_of_runs)
+    assert wide.high - wide.low == pytest.approx((found.high - found.low) * np.sqrt(5 / 4))
+    twice = np.repeat(scores, 2, axis=1)
+    assert interquartile_interval(twice) == seed_interval(twice, interquartile_mean_of_runs)
 
 
-def test_about_95_percent_of_the_intervals_cover_the_mean():
-    random = np.random.default_rng(7)
-    intervals = [
-        stratified_interval(random.normal(3.0, 2.0, size=(40, 1)), share, resamples=500, seed=i) for i in range(400)
-    ]
-    covered = np.mean([found.low <= 3.0 <= found.high for found in intervals])
-    assert 0.91 <= covered <= 0.97  # percentile intervals of 40 cover a little less than 95 %
+def test_a_seed_is_drawn_whole():
+    """Seeds that are better on one domain by what they are worse on the other: their means are equal, and certain."""
+    scores = np.array([[0.0, 10.0], [3.0, 7.0], [8.0, 2.0]])
+    found = seed_interval(scores, share)
+    assert found.low == pytest.approx(5.0)
+    assert found.high == pytest.approx(5.0)
+    together = seed_interval(np.array([[0.0, 0.0], [3.0, 3.0], [8.0, 8.0]]), share)
+    alone = seed_interval(np.array([[0.0], [3.0], [8.0]]), share)
+    np.testing.assert_allclose(together, alone)  # a second domain that says the same adds nothing
+
+
+def test_an_interval_stays_within_its_bounds():
+    scores = np.array([[0.9], [1.0], [0.2]])
+    found = seed_interval(scores, share, bounds=(0.0, 1.0))
+    free = seed_interval(scores, share)
+    assert (found.low, found.high) == (0.0, 1.0)
+    assert free.low < 0.0
+    assert free.high > 1.0
 
 
 @given(matrices(runs=(2, 6)), st.permutations(range(6)))
 def test_an_interval_repeats_and_moves_and_scales_with_its_scores(scores: np.ndarray, order):
-    found = stratified_interval(scores, interquartile_mean_of_runs, resamples=50)
-    again = stratified_interval(scores, interquartile_mean_of_runs, resamples=50)
+    found = seed_interval(scores, interquartile_mean_of_runs, resamples=50)
+    again = seed_interval(scores, interquartile_mean_of_runs, resamples=50)
     assert found == again
-    assert found.low <= found.high
-    moved = stratified_interval(2 * scores + 5, interquartile_mean_of_runs, resamples=50)
+    assert found.low <= found.value <= found.high
+    moved = seed_interval(2 * scores + 5, interquartile_mean_of_runs, resamples=50)
     np.testing.assert_allclose(moved, 2 * np.array(found) + 5, atol=1e-6)
     shuffled = scores[[i for i in order if i < len(scores)]]
     np.testing.assert_allclose(interquartile_mean_of_runs(shuffled), found.value)
@@ -115,41 +128,49 @@ def test_leading_axes_share_the_draws():
     """A curve is one run: what is resampled is seeds, the same at every step."""
     scores = np.random.default_rng(0).normal(size=(4, 1))
     curves = np.stack([scores, scores + 10.0, 3.0 * scores])
-    found = stratified_interval(curves, interquartile_mean_of_runs)
+    found = seed_interval(curves, interquartile_mean_of_runs)
     np.testing.assert_allclose(found.low, [found.low[0], found.low[0] + 10.0, 3.0 * found.low[0]])
 
 
 def test_memory_at_a_time_changes_nothing(monkeypatch):
     scores = np.random.default_rng(0).normal(size=(5, 3))
-    at_once = stratified_interval(scores, share, resamples=100)
+    at_once = seed_interval(scores, share, resamples=100)
     monkeypatch.setattr("freemesh_ray.statistics.bootstrap.AT_A_TIME", 40)
-    assert stratified_interval(scores, share, resamples=100) == at_once
+    assert seed_interval(scores, share, resamples=100) == at_once
 
 
 @pytest.mark.parametrize("m", [1, 5])
 def test_of_one_run_the_interval_is_the_point(m: int):
-    found = stratified_interval(np.arange(m, dtype=float)[None], share)
+    found = seed_interval(np.arange(m, dtype=float)[None], share)
     assert found.low == found.value == found.high
 
 
 @pytest.mark.parametrize("scores", [np.empty((0, 2)), np.empty((2, 0)), np.ones(3), np.array([[1.0], [np.nan]])])
 def test_no_interval_of_nothing(scores: np.ndarray):
     with pytest.raises(ValueError, match="scores"):
-        stratified_interval(scores, share)
+        seed_interval(scores, share)
 
 
 # ---- profiles --------------------------------------------------------------------------------------------------------
 
 
-@given(matrices(), st.integers(0, 9))
-def test_a_profile_falls_from_one_to_zero_inside_its_band(scores: np.ndarray, seed: int):
+@given(matrices())
+def test_a_profile_falls_from_one_to_zero_inside_its_band(scores: np.ndarray):
     thresholds = np.linspace(scores.min() - 1, scores.max() + 1, 17)
-    found = performance_profile(scores, thresholds, resamples=60, seed=seed)
+    found = performance_profile(scores, thresholds)
     assert (found.value[0], found.value[-1]) == (1.0, 0.0)
     for line in found:
         assert ((line >= 0) & (line <= 1)).all()
         assert (np.diff(line) <= 1e-12).all()
-    assert (found.low <= found.high).all()
+    assert (found.low <= found.value).all()
+    assert (found.value <= found.high).all()
+
+
+def test_the_band_of_a_profile_on_one_domain_is_wilsons():
+    scores = np.arange(10.0)[:, None]
+    found = performance_profile(scores, np.array([-1.0, 2.0, 6.5]))
+    for k, low, high in zip([10, 7, 3], found.low, found.high, strict=True):
+        np.testing.assert_allclose([low, high], binomtest(k, 10).proportion_ci(method="wilson"), atol=1e-9)
 
 
 def test_a_profile_by_hand():
@@ -176,20 +197,38 @@ def test_both_sides_sum_to_one_and_a_rising_map_changes_nothing(x: np.ndarray, y
     assert probability_of_improvement(x[::-1], y) == pytest.approx(found)
 
 
-def test_its_interval_is_the_quantiles_of_all_resamples():
-    x, y = np.array([1.0, 4.0]), np.array([0.0, 3.0])
-    every = np.sort([
-        probability_of_improvement(np.array(a)[:, None], np.array(b)[:, None])
-        for a in product(x, repeat=2) for b in product(y, repeat=2)
-    ])  # fmt: skip
-    found = improvement_interval(x[:, None], y[:, None], resamples=50_000, level=0.8)
-    assert found.value == 0.75
-    assert found.low == pytest.approx(every[1])  # a tenth of 16 lies within the second
-    assert found.high == pytest.approx(every[-2])
+def test_its_interval_by_hand():
+    """Newcombe's method 5: both ends are as many deviations away as 95 % ask for; of a whole order none is an end."""
+    x, y = np.array([1.0, 4.0, 5.0, 6.0]), np.array([0.0, 3.0, 2.0])
+    found = improvement_interval(x[:, None], y[:, None])
+    assert found.value == pytest.approx(10 / 12)
+    for end in (found.low, found.high):
+        others = 0.5 * (4 + 3) - 1
+        variance = end * (1 - end) * (1 + others * (1 - end) / (2 - end) + others * end / (1 + end)) / 12
+        assert abs(end - 10 / 12) == pytest.approx(1.959964 * np.sqrt(variance))
+    whole = improvement_interval(x[:, None] + 10.0, y[:, None])
+    assert whole.value == whole.high == 1.0
+    assert 0.4 < whole.low < 0.8
 
 
-def test_strata_of_both_must_be_the_same():
-    with pytest.raises(ValueError, match="2 and 3 strata"):
+def test_the_variance_of_equal_algorithms_is_mann_and_whitneys():
+    assert newcombe_variance(np.array(0.5), 6, 6) == pytest.approx(13 / (12 * 36))
+
+
+@given(matrices(runs=(2, 5), strata=(1, 4)), st.integers(0, 9))
+def test_the_interval_turns_with_its_sides_and_more_of_the_same_domains_add_nothing(x: np.ndarray, seed: int):
+    y = np.random.default_rng(seed).normal(0.0, 500.0, size=(3, x.shape[1]))
+    found, turned = improvement_interval(x, y), improvement_interval(y, x)
+    assert 0.0 <= found.low <= found.value <= found.high <= 1.0
+    np.testing.assert_allclose([turned.low, turned.high], [1.0 - found.high, 1.0 - found.low], atol=1e-9)
+    one = improvement_interval(x[:, :1], y[:, :1])
+    copied = improvement_interval(np.repeat(x[:, :1], 4, axis=1), np.repeat(y[:, :1], 4, axis=1))
+    assert copied.value == one.value
+    assert copied.high - copied.low >= 0.8 * (one.high - one.low)
+
+
+def test_domains_of_both_must_be_the_same():
+    with pytest.raises(ValueError, match="2 and 3 domains"):
         improvement_interval(np.ones((2, 2)), np.ones((2, 3)))
 
 
@@ -213,23 +252,28 @@ def test_of_many_runs_the_p_value_is_estimated_and_agrees_with_mann_and_whitney(
     assert p_value(x, y) == p_value(x, y)
 
 
-def test_verdicts():
-    low, high, mixed = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]), np.array([0.0, 2.5, 9.0])
-    assert verdict(high, low) is Verdict.CONFIRMED
-    assert verdict(low, high) is Verdict.REFUTED
-    assert verdict(mixed, low) is verdict(low, mixed) is Verdict.UNDECIDED
-    assert verdict(low, low) is Verdict.UNDECIDED
-    assert verdict(high[:2], low) is Verdict.UNDECIDED  # one order in ten is as clear
-    assert verdict(high[:1], low[:1]) is Verdict.UNDECIDED
-
-
 @given(samples, samples)
-def test_a_verdict_turns_with_its_sides(x: np.ndarray, y: np.ndarray):
+def test_two_sided_is_twice_the_smaller_side(x: np.ndarray, y: np.ndarray):
     assume(len(x) * len(y) <= 36)
-    turned = {
-        Verdict.CONFIRMED: Verdict.REFUTED, Verdict.REFUTED: Verdict.CONFIRMED, Verdict.UNDECIDED: Verdict.UNDECIDED,
-    }  # fmt: skip
-    assert verdict(-x, -y) is turned[verdict(x, y)]
+    assert two_sided(x, y) == two_sided(y, x) == min(1.0, 2.0 * min(p_value(x, y), p_value(y, x)))
+
+
+def test_holm_by_hand():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.6]) == [1.0, 1.0]
+    assert holm([0.04]) == [0.04]
+    assert holm([]) == []
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8), st.floats(0.001, 0.2))
+def test_holm_rejects_what_its_steps_reject(p: list[float], level: float):
+    """The smallest at level / k, the next at level / (k - 1), until one is above."""
+    order, rejected = sorted(range(len(p)), key=lambda i: p[i]), set()
+    for step, i in enumerate(order):
+        if p[i] * (len(p) - step) > level:
+            break
+        rejected.add(i)
+    assert {i for i, corrected in enumerate(holm(p)) if corrected <= level} == rejected
 
 
 # ---- curves ----------------------------------------------------------------------------------------------------------
@@ -266,10 +310,16 @@ def test_a_higher_value_takes_no_fewer_steps(values: list[float], threshold: flo
     assert (near is None) == (max(values) < threshold)
 
 
+def test_the_final_value_is_of_the_last_tenth_of_the_training():
+    steps = np.arange(5_000, 100_001, 5_000)
+    values = np.where(steps < 90_000, -1e6, steps)
+    assert final_value(steps, values) == 95_000.0  # of 90, 95 and 100 thousand steps
+    assert final_value([10, 20], [1, 3]) == 3.0
+    assert final_value([0], [2]) == 2.0
+    assert np.isnan(final_value([], []))
+
+
 def test_single_figures_of_a_curve():
-    assert final_value([1, 2, 3, 4, 5, 6, 7]) == 5.0
-    assert final_value([1, 3]) == 2.0
-    assert np.isnan(final_value([]))
     assert mean_over_training([0, 10, 40], [0, 2, 2]) == pytest.approx((10 + 60) / 40)
     assert mean_over_training([5], [3]) == 3.0
     assert mean_and_deviation([1, 3]) == (2.0, pytest.approx(np.sqrt(2)))

@@ -119,6 +119,28 @@ def test_the_documents_have_every_key_with_its_default():
     assert written_down == expected
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("one > two", ("one", ">", "two")),
+        ("two=one", ("two", "=", "one")),
+        ("gamma=.9 > gamma=.99", ("gamma=.9", ">", "gamma=.99")),
+        ("gamma=.9 = one", ("gamma=.9", "=", "one")),
+    ],
+)
+def test_expectations_are_read_and_written_as_they_were(tmp_path: Path, text: str, expected: tuple[str, str, str]):
+    labels = dict.fromkeys(["one", "two", "gamma=.9", "gamma=.99"])
+    study = load({"study": {"title": "T", "seeds": [1], "variants": labels, "expects": [text]}})
+    assert study.expects == [expected]
+    assert load(study.tree()).expects == study.expects
+
+
+def test_an_expectation_that_can_be_read_in_two_ways_is_refused():
+    labels = dict.fromkeys(["a", "b", "a = b"])
+    with pytest.raises(ConfigError, match="'a = b = a': can be read in 2 ways"):
+        load({"study": {"title": "T", "seeds": [1], "variants": {**labels, "b = a": None}, "expects": ["a = b = a"]}})
+
+
 # ---- what is refused -------------------------------------------------------------------------------------------------
 
 BAD = [
@@ -132,6 +154,7 @@ BAD = [
     (GOOD.replace("  title: A test\n", ""), "study.title is missing"),
     (GOOD.replace("  seeds", "  sedes: 3\n  seeds"), "3: study.sedes: unknown key"),
     (GOOD.replace("  seeds", "  expects: [one > three]\n  seeds"), "3: study.expects: 'one > three': write LABEL"),
+    (GOOD.replace("  seeds", "  expects: [one = one]\n  seeds"), "3: study.expects: 'one = one': write LABEL"),
     (GOOD.replace("  seeds", "  metric: loss\n  seeds"), "3: study.metric: must be eval_deterministic/return"),
     (GOOD.replace("{learner.gamma: 0.9}", "{seed: 3}"), "either every variant sets its seed, or study.seeds"),
     (GOOD.replace("    two: {learner.gamma: 0.9}", "    one: {learner.gamma: 0.9}"), "6: one: already set at line 5"),
