@@ -18,8 +18,8 @@ def tree(**settings: Any) -> dict[str, Any]:
 
 
 @given(
-    cores=st.integers(1, 64), learners=st.sampled_from([0, 1, 2, 4]), updates=st.floats(1e-4, 4.0), fragment=st.integers(1, 256),
-    algorithm=st.sampled_from(["sac", "td3", "ppo"]),
+    cores=st.integers(1, 64), learners=st.sampled_from([0, 1, 2, 4]), updates=st.floats(1e-4, 4.0),
+    fragment=st.integers(1, 256), algorithm=st.sampled_from(["sac", "td3", "ppo"]),
 )  # fmt: skip
 def test_auto_never_takes_more_than_the_cores(
     cores: int, learners: int, updates: float, fragment: int, algorithm: str
