@@ -153,9 +153,9 @@ class OffPolicyLearner(ConfiguredLearner):
     def build(self) -> None:
         """Build module, optimizers and the source of the steps' noise."""
         self._evaluated: dict[str, dict[str, Evaluated]] = {}
+        super().build()
         #: Whether products are of bfloat16 numbers.
         self._rounds = wanted(self.config.precision, self._device)
-        super().build()
         # Every learner draws the noise of the whole minibatch and takes that of its rows. On the CPU whatever the
         # learner's device: so a state can be taken over by a learner of another device, and by another number of them.
         self._noise = torch.Generator().manual_seed(self.config.seed or 0)

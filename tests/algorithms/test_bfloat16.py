@@ -120,6 +120,17 @@ def test_auto_rounds_where_the_processor_can(
     assert bfloat16.wanted(precision, torch.device(device)) is rounds
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_a_learner_takes_auto(there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bfloat16, "native", lambda: there)
+    auto, fixed = (
+        learnt(SACConfig().training(precision=precision))[0]
+        for precision in ("auto", "bfloat16" if there else "float32")
+    )
+    for name, way in auto.items():
+        assert torch.equal(way, fixed[name]), name
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("there", [True, False])
 def test_a_processor_that_cannot_is_told(there: bool, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import ray
@@ -25,7 +24,7 @@ from freemesh_ray.algorithms.td3 import TD3Config
 from freemesh_ray.bench import gpu
 from freemesh_ray.cli import command
 from freemesh_ray.config import ConfigError
-from freemesh_ray.studies import runner
+from freemesh_ray.studies import trainable
 
 pytestmark = pytest.mark.slow
 
@@ -151,10 +150,9 @@ def test_a_cluster_s_gpus_count_only_for_a_torch_that_can_use_them(monkeypatch: 
 def test_a_trial_of_a_study_takes_what_its_processes_need(
     runners: int, learners: int, wanted: str, gpus: int, bundles: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(runner, "cluster_gpus", lambda: gpus)
+    monkeypatch.setattr(trainable, "cluster_gpus", lambda: gpus)
     config = {"learner": {"count": learners, "device": wanted}, "runners": {"count": runners}}
-    plan = SimpleNamespace(trial=lambda given, trial_id: SimpleNamespace(config=config))
-    taken = runner.resources(plan, {}).bundles
+    taken = trainable.resources(config).bundles
     assert [(bundle["CPU"], bundle.get("GPU", 0)) for bundle in taken] == bundles
 
 
