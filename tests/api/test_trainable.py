@@ -74,6 +74,15 @@ def killed(folder: str) -> None:
         tuner(Path(folder), "killed", {"seed": tune.grid_search([1, 2])}).fit()
 
 
+def has_checkpoint(experiment: Path) -> bool:
+    """Whether Tune's record of an experiment, which is a second old at most, names a checkpoint."""
+    try:
+        trials = tune.ExperimentAnalysis(str(experiment)).trials or []
+    except (OSError, ValueError):  # there is no record yet
+        return False
+    return any(trial.checkpoint is not None for trial in trials)
+
+
 def environment(log: Path, pause: float) -> dict[str, str]:
     path = os.pathsep.join([*FOLDERS, os.environ.get("PYTHONPATH", "")])
     return {"PYTHONPATH": path, "FAKE_LOG": str(log), "FAKE_PAUSE": str(pause), "TUNE_GLOBAL_CHECKPOINT_S": "1"}
@@ -133,9 +142,8 @@ def test_a_grid_is_a_trial_for_each_value_and_one_family_in_the_store(blank_data
 def test_a_killed_experiment_goes_on_from_its_checkpoints(log: Path, tmp_path: Path) -> None:
     code = f"import test_trainable; test_trainable.killed({str(tmp_path)!r})"
     known = tmp_path / "killed"
-    with running(["-c", code], tmp_path, {**os.environ, **environment(log, 0.3)}) as process:
-        process.until(lambda: len(list(known.glob("*/checkpoint_*/progress.json"))) >= 2, 200, "has two checkpoints")
-        process.until(lambda: list(known.glob("experiment_state*.json")), 60, "is written down")
+    with running(["-c", code], tmp_path, {**os.environ, **environment(log, 1.0)}) as process:
+        process.until(lambda: has_checkpoint(known), 200, "has written down that there is a checkpoint")
         process.process.kill()
         process.ended(60)
     begun = log.read_text().count("begin")
@@ -155,7 +163,8 @@ def test_a_killed_experiment_goes_on_from_its_checkpoints(log: Path, tmp_path: P
 
 def test_asha_stops_the_worse(tmp_path: Path) -> None:
     asha = AsyncHyperBandScheduler(time_attr="env_steps", max_t=601, grace_period=200, reduction_factor=2)
-    results = tuner(tmp_path, "asha", {"seed": tune.grid_search([1, 2, 3])}, scheduler=asha).fit()
+    seeds = {"seed": tune.grid_search([1, 2, 3])}
+    results = tuner(tmp_path, "asha", seeds, scheduler=asha, max_concurrent_trials=1).fit()
     steps = [result.metrics["env_steps"] for result in results]
     assert not results.errors
     assert 600 in steps
@@ -166,15 +175,15 @@ def test_asha_stops_the_worse(tmp_path: Path) -> None:
 def test_population_based_training_changes_settings_in_processes_that_stay(log: Path, tmp_path: Path) -> None:
     pbt = PopulationBasedTraining(
         time_attr="env_steps", perturbation_interval=200, quantile_fraction=0.5, resample_probability=1.0,
-        hyperparam_mutations={"learner.gamma": tune.uniform(0.9, 0.99)},
+        hyperparam_mutations={"learner.gamma": tune.uniform(0.9, 0.99)}, synch=True,
     )  # fmt: skip
-    space = {"learner.gamma": tune.grid_search([0.901, 0.902])}
+    space = {"learner.gamma": 0.901, "seed": tune.grid_search([1, 2])}
     restored = log.read_text().count("restore")
     results = tuner(tmp_path, "pbt", space, scheduler=pbt, reuse_actors=True).fit()
     assert [result.metrics["env_steps"] for result in results] == [600, 600]
     found = [settings(result)["learner"]["gamma"] for result in results]
     assert found == [result.config["learner.gamma"] for result in results]
-    assert found != [0.901, 0.902]
+    assert set(found) != {0.901}
     assert log.read_text().count("restore") > restored
 
 
