@@ -35,7 +35,8 @@ class TrialResult:
     @classmethod
     def of(cls, record: TrialRecord, study: StudyFolder) -> TrialResult:
         """That of a record."""
-        return cls(record.label, record.seed, record.status, record.settings, record.error, study.run_of(record))
+        drawn = record.settings or None
+        return cls(record.label, record.seed, record.status, drawn, record.error, study.run_of(record))
 
     @property
     def name(self) -> str:
