@@ -135,7 +135,7 @@ class Round:
     def hidden(self) -> float:
         """Share, [0, 1], of the shorter one's seconds that the round does not wait for."""
         shorter, longer = (self.parts[part] for part in self.behind)
-        return min(1.0, max(0.0, (shorter + longer - self.together) / shorter))
+        return max(0.0, 1.0 - max(0.0, self.together - longer) / shorter)
 
     @property
     def waited(self) -> dict[str, float]:

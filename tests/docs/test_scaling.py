@@ -141,11 +141,11 @@ def test_overlap_hides_all_of_the_shorter_where_cores_last_and_never_costs(costs
     costs = replace(costs, send_once=costs.publish_once, send_runner=costs.publish_runner)
     with_, without = (round_of(costs, replace(setup, overlap=overlap)) for overlap in (True, False))
     assert with_.parts == without.parts
-    assert without.hidden == pytest.approx(0)
+    assert without.hidden == pytest.approx(0, abs=1e-3)  # of a part far shorter than the other
     assert max(with_.parts.values()) <= with_.seconds * (1 + 1e-9) <= without.seconds * (1 + 2e-9)
     processes = setup.runners + max(1, setup.learners)
     if setup.runners and (setup.cores is None or setup.cores >= processes):
-        assert with_.hidden == pytest.approx(1.0)
+        assert with_.hidden == pytest.approx(1.0, abs=1e-3)
     if setup.runners and setup.cores == 1 and setup.learners == 0:
         assert with_.seconds == pytest.approx(without.seconds)
 
