@@ -22,8 +22,7 @@ class ActorCriticModule(TorchRLModule, InferenceOnlyAPI):
 
     ``model_config``: ``hidden``, the units of each hidden layer of every network; ``critics``, k; ``normalise``,
     whether the networks see normalised observations (``seen``); ``layer_norm``, whether the critics' hidden layers are
-    normalised; and the settings of the algorithm's section in a
-    configuration.
+    normalised; and the settings of the algorithm's section in a configuration.
     """
 
     #: Numbers that the actor says of each component of an action.

@@ -19,7 +19,7 @@ def native() -> bool:
 
 
 def _relu(x: torch.Tensor) -> torch.Tensor:
-    """ReLU in place: a bfloat16 number is below 0 where its 16 bits are, as an integer, which takes a third."""
+    """ReLU in place, in a third of the time: a bfloat16 number is below 0 where its 16 bits are, as an integer."""
     x.view(torch.int16).clamp_min_(0)
     return x
 

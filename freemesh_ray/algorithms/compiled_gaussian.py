@@ -8,10 +8,11 @@ import numpy as np
 import torch
 
 from envs.kernels.compiled import compiled
+from freemesh_ray.algorithms import squashed_gaussian
 from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN
 
 _LEAST, _MOST = np.float32(LOG_STD_MIN), np.float32(LOG_STD_MAX)
-_CONSTANT = np.float32(0.5 * math.log(2.0 * math.pi) + 2.0 * math.log(2.0))
+_CONSTANT = np.float32(squashed_gaussian.CONSTANT)
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 
 

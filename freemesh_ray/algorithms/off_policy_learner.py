@@ -11,6 +11,7 @@ descends along the mean of all learners' gradients.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -203,8 +204,12 @@ class OffPolicyLearner(ConfiguredLearner):
             for minibatch in map(Minibatch, *columns):
                 self._steps += 1
                 figures |= step(module_id, config, minibatch)
-            means = torch.stack([figure().mean() for figure in figures.values()]).tolist()
-            values = self._told = self._told | dict(zip(figures, means, strict=True))
+            means = [figure().mean() for figure in figures.values()]
+            norms = torch.stack(torch._foreach_norm(list(self._module[module_id].parameters()))).sum()
+            *told, norms = torch.stack([*means, norms.to(means[0].dtype)]).tolist()
+            values = self._told = self._told | dict(zip(figures, told, strict=True))
+            if not math.isfinite(norms):  # what is no number, a ReLU makes 0 of, and the losses stay numbers
+                values = {name: math.nan if name.endswith("_loss") else value for name, value in values.items()}
             self.metrics.log_dict(values, key=module_id, window=1)
             losses[module_id] = torch.tensor(sum(values[name] for name in values if name.endswith("_loss")))
         return {}, losses, {}

@@ -15,7 +15,7 @@ from ray.rllib.core.distribution.torch.torch_distribution import TorchDistributi
 from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN
 
 #: What each component takes from log pi, whatever is drawn: log sqrt(2 pi) + 2 log 2.
-_CONSTANT = 0.5 * math.log(2.0 * math.pi) + 2.0 * math.log(2.0)
+CONSTANT = 0.5 * math.log(2.0 * math.pi) + 2.0 * math.log(2.0)
 
 
 def split(outputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -27,7 +27,7 @@ def split(outputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 def log_density(u: torch.Tensor, noise: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
     """log pi of tanh(u), where u = mean + std noise; (..., d) -> (...)."""
     squashing = torch.logaddexp(u, -u)
-    return (2.0 * squashing - log_std).addcmul(noise, noise, value=-0.5).sum(dim=-1) - u.shape[-1] * _CONSTANT
+    return (2.0 * squashing - log_std).addcmul(noise, noise, value=-0.5).sum(dim=-1) - u.shape[-1] * CONSTANT
 
 
 def sample(outputs: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -79,3 +79,18 @@ def test_what_runners_need_is_the_actor_alone(config: type[OffPolicyConfig]) -> 
     state = module(learner(config())).get_state(inference_only=True)
     assert state
     assert all(name.startswith("actor.") for name in state)
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+@pytest.mark.parametrize("network", ["actor", "critic", "target_critic"])
+@pytest.mark.parametrize("layer", [0, 1, 2])
+@pytest.mark.parametrize("value", [float("nan"), -float("nan"), float("inf")])
+def test_a_weight_that_is_no_number_is_told(
+    config: type[OffPolicyConfig], precision: str, network: str, layer: int, value: float
+) -> None:
+    """Though a ReLU may make 0 of what comes of it: a loss that is no number ends the training."""
+    built = learner(config().training(precision=precision))
+    with torch.no_grad():
+        getattr(module(built), network).weights[layer][..., 0, 0] = value
+    figures = update(built, batch(4))
+    assert not all(np.isfinite(float(figure)) for name, figure in figures.items() if name.endswith("_loss"))
