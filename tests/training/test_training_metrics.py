@@ -9,7 +9,7 @@ from checkout import ROOT
 from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.config import ALGORITHMS
 from freemesh_ray.policies.evaluation import FIGURES
-from freemesh_ray.training.metrics import EPISODES, ITERATION, Iteration, of_iteration
+from freemesh_ray.training.metrics import EPISODES, ITERATION, RUNNERS, Iteration, of_iteration
 
 ITERATION_OF = Iteration(stage=2, updates=700, seconds=90.0, new_updates=50, took=4.0)
 
@@ -41,7 +41,7 @@ def test_without_an_episode_that_ended_there_are_no_means() -> None:
 def test_the_documents_have_every_metric_with_its_unit_and_meaning() -> None:
     text = (ROOT / "docs" / "studies.md").read_text()
     rows = re.findall(r"^\| `((?:train|learner|eval_MODE)/\w+)` \| (.+?) \| (.+?) \|$", text, re.MULTILINE)
-    known = {name: (metric.unit, metric.meaning) for name, metric in (ITERATION | EPISODES).items()}
+    known = {name: (metric.unit, metric.meaning) for name, metric in (ITERATION | RUNNERS | EPISODES).items()}
     learner = {name: about for algorithm in ALGORITHMS.values() for name, about in algorithm.figures.items()}
     for name, (unit, meaning) in learner.items():
         having = [key for key, algorithm in ALGORITHMS.items() if algorithm.figures.get(name) == (unit, meaning)]
