@@ -11,6 +11,7 @@ from freemesh_ray.local_ray import environment, local_ray
 if TYPE_CHECKING:
     from freemesh_ray.studies.definition import Study
     from freemesh_ray.studies.result import StudyResult
+    from freemesh_ray.studies.study_folder import StudyFolder
     from freemesh_ray.training.callback import Callback
 
 
@@ -19,6 +20,7 @@ def study(
     *,
     callbacks: Sequence[Callback] = (),
     resume: bool = False,
+    add: Sequence[str] = (),
     note: Callable[[str], None] = lambda line: None,
 ) -> StudyResult:
     """Run a study of many trainings on Ray Tune, track it and report on it, as ``freemesh study`` does.
@@ -29,7 +31,8 @@ def study(
         source: a YAML file, the name of a study that ships with the package, or a mapping with the file's parts
             ``study`` and ``settings``, whose folder is then named after its title.
         callbacks: of every trial's training; each trial has copies in a process of its own.
-        resume: go on where it stopped, if it was begun.
+        resume: go on where it stopped, if it was begun, with what ``source`` has more than it had then.
+        add: ``KEY=VALUE``, as ``seeds=4,5``: go on with what was begun, and more (`freemesh study --add`).
         note: called with lines of progress, as ``print``.
 
     Raises:
@@ -39,12 +42,53 @@ def study(
     environment()
     from freemesh_ray.studies.definition import load
 
+    if add:
+        name = source if isinstance(source, str | Path) else load(source).name
+        return run(longer(name, add), callbacks, True, note)
     return run(load(source), callbacks, resume, note)
+
+
+def longer(source: str | Path, add: Sequence[str], sets: Sequence[str] = (), *, smoke: bool = False) -> Study:
+    """A study that was begun, with what ``KEY=VALUE`` strings add to it.
+
+    Args:
+        source: its name or file.
+        add: see `freemesh_ray.studies.extension.extended`.
+        sets: ``key=value`` that say where it lies: of ``paths`` alone.
+        smoke: the one that was begun with ``--smoke``.
+
+    Raises:
+        StudyError: it was not begun.
+        ConfigError: what is wrong with an addition.
+    """
+    from freemesh_ray.config import ConfigError
+    from freemesh_ray.studies.extension import extended
+
+    if other := next((text for text in sets if not text.strip().startswith("paths.")), None):
+        raise ConfigError(f"--set {other}: --add goes on with the settings that are written down: leave it out")
+    return extended(begun(source, sets, smoke).study(), add)
+
+
+def begun(source: str | Path, sets: Sequence[str], smoke: bool) -> StudyFolder:
+    """Where the study of a name, or a file, lies."""
+    from freemesh_ray import config
+    from freemesh_ray.config.paths import Paths
+    from freemesh_ray.studies.definition import load, shipped
+    from freemesh_ray.studies.runner import folder_of
+    from freemesh_ray.studies.study_folder import StudyFolder
+
+    if Path(source).is_file() or str(source) in shipped():
+        return folder_of(load(source, sets, smoke=smoke))
+    studies = Paths.from_environment().resolved(config.load(sets=sets))["paths"]["studies"]
+    return StudyFolder(Path(studies) / f"{Path(source).stem}{'-smoke' if smoke else ''}")
 
 
 def run(study: Study, callbacks: Sequence[Callback], resume: bool, note: Callable[[str], None]) -> StudyResult:
     """`study` of one that was read."""
+    from freemesh_ray.studies.runner import prepare
+
     check(study)
+    prepare(study, resume)
     settings = study.settings_of_all()
     processes = settings["runners"]["count"] + settings["learner"]["count"]
     with local_ray(processes, "--resume goes on from the last checkpoints"):

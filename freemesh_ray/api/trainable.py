@@ -70,8 +70,8 @@ class MeshTrainable(TrainingTrainable):
         """
         super().setup(config, build, callbacks)
 
-    def trial(self, given: Mapping[str, Any]) -> TuneTrial:
-        """The settings' trial."""
+    def trainings(self, given: Mapping[str, Any]) -> Sequence[TuneTrial]:
+        """The settings' training."""
         storage = self._storage
         if storage.storage_filesystem.type_name != "local":
             raise ConfigError(f"storage_path: {storage.storage_fs_path}: must be a folder: mount the bucket")
@@ -79,7 +79,7 @@ class MeshTrainable(TrainingTrainable):
         check_stages(config)
         check_plug_ins(config)
         config |= {"name": f"trial-{self.trial_id}", "paths": {**config["paths"], "runs": storage.experiment_fs_path}}
-        return TuneTrial(self.trial_name, config["seed"], config, dict(given), Path(storage.trial_fs_path))
+        return [TuneTrial(self.trial_name, config["seed"], config, dict(given), Path(storage.trial_fs_path))]
 
     def family(self, trial: Trial) -> tuple[str | None, dict[str, str]]:
         """The experiment: its run is made by the first trial."""

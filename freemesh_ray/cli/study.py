@@ -24,10 +24,12 @@ examples:
   freemesh study algorithms --smoke               the whole path in about a minute
   freemesh study algorithms                       run it; Ctrl-C stops it, --resume goes on
   freemesh study mine.yaml --set budget.env_steps=1.2e6
+  freemesh study mine.yaml --resume               go on, also with what the file has more by now
+  freemesh study mine --add seeds=4,5 --add env_steps=800000
   freemesh report algorithms                      its figures and tables
 
 A study is one YAML file; those that ship are in tune_configs. Trials run side by side, as many as the machine has
-cores for. A training that another study has done already, with the same settings, seed and commit, is not repeated.
+cores for. A training that another study has done already, with the same settings, seed and source, is not repeated.
 """
 
 
@@ -43,6 +45,11 @@ def add(commands: Any) -> None:
     study.add_argument("study", nargs="?", metavar="STUDY", help="a name (without one: the list), or a YAML file")
     add_settings(study, "of all trials")
     study.add_argument("--resume", action="store_true", help="go on where it stopped, if it was begun")
+    study.add_argument(
+        "--add", action="append", default=[], metavar="KEY=VALUE",
+        help="go on with more: seeds=4,5, domains=D4, expects='A > B', variants='{LABEL: {KEY: VALUE}}', "
+        "trials=N or env_steps=N more; repeatable",
+    )  # fmt: skip
     study.add_argument("--dry-run", action="store_true", help="print the trials and stop")
     study.add_argument("--smoke", action="store_true", help="the whole path with tiny trainings")
 
@@ -53,21 +60,26 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         ConfigError, StudyError, DomainError: what is wrong with the input.
     """
-    from freemesh_ray.api.study import check
+    from freemesh_ray.api.study import begun, check, longer
     from freemesh_ray.api.study import run as run_study
     from freemesh_ray.studies.definition import load, shipped
 
     if options.study is None:
         say(table(["study", "trials", "compares"], [_row(load(name)) for name in shipped()], left=(0, 2)))
         return 0
-    study = load(options.study, options.set, smoke=options.smoke)
+    if options.add:
+        study = longer(options.study, options.add, options.set, smoke=options.smoke)
+    elif options.resume and not Path(options.study).is_file() and options.study not in shipped():
+        study = begun(options.study, options.set, options.smoke).study()
+    else:
+        study = load(options.study, options.set, smoke=options.smoke)
     if options.dry_run:
         check(study)
         say(_trials(study))
         return 0
 
     try:
-        result = run_study(study, callbacks=(), resume=options.resume, note=say)
+        result = run_study(study, callbacks=(), resume=options.resume or bool(options.add), note=say)
     except KeyboardInterrupt:
         sets = [word for setting in options.set for word in ("--set", setting)]
         again = ["study", options.study, *sets, *(["--smoke"] if options.smoke else []), "--resume"]
@@ -78,9 +90,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _row(study: Study) -> list[str]:
-    count = study.search.trials if study.search else sum(len(study.seeds_of(label)) for label in study.variants)
     compared = ", ".join(study.variants) if study.variants else ", ".join(study.search.space if study.search else ())
-    return [study.name, str(count), compared]
+    return [study.name, str(study.trainings()), compared]
 
 
 def _trials(study: Study) -> str:
@@ -93,10 +104,12 @@ def _trials(study: Study) -> str:
     lines = [study.title, f"folder: {folder.path}", "all trials:", *(f"  {line}" for line in common.splitlines()), ""]
     if study.search:
         search = study.search
-        lines.append(
-            f"{search.trials} trials, {search.searcher}, {search.scheduler}, seed {study.seeds[0]}; drawn from"
-        )
+        seeds = ", ".join(map(str, study.seeds))
+        lines.append(f"{search.trials} trials, {search.searcher}, {search.scheduler}, seeds {seeds}; drawn from")
         lines += [f"  {key}: {space.distribution} {list(space.values)}" for key, space in search.space.items()]
+        if confirm := search.confirm:
+            fresh = ", ".join(map(str, confirm.seeds))
+            lines.append(f"then the best {confirm.best} and the default again on seeds {fresh}")
         return "\n".join(lines)
     rows = []
     for record in records:

@@ -120,10 +120,17 @@ def report_search(results: Results, out: Path, episodes: int, note: Callable[[st
     """A search: its ranking and picture, written to ``out``, and what writes its text."""
     study, ranks = results.study, search.ranking(results)
     search.write_csv(out / "trials.csv", ranks, study)
+    if again := search.ranking(results, again=True):
+        search.write_csv(out / "confirmation.csv", again, study)
     drawn = [search.picture(out, ranks, study)] if ranks else []
 
     def text(picture: Picture) -> tuple[list[str], list[str]]:
-        main = [sections.opening(results), search.section(ranks, picture, study), sections.what_was_run(results, {})]
+        main = [
+            sections.opening(results),
+            search.section(ranks, picture, study),
+            search.confirmation(ranks, again, study),
+            sections.what_was_run(results, {}),
+        ]
         return main, [sections.trials(results)]
 
     return text, drawn

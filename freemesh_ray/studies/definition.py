@@ -1,7 +1,8 @@
 """What a study is: its YAML file, read and checked, whether it is to be run or to be reported on.
 
 A file has two parts. ``settings`` holds what all trials share, over the defaults. ``study`` says what they differ in:
-either ``variants`` (label -> settings), each with each of ``seeds``, or a ``search`` of a space of settings.
+``variants`` (label -> settings), or a ``grid`` of settings, each with each of ``seeds``, or a ``search`` of a space of
+settings, each draw with each of ``seeds``.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from freemesh_ray import config
 from freemesh_ray.config import ConfigError, Field, Layer
 from freemesh_ray.config.paths import Paths
 from freemesh_ray.policies.evaluation import METRICS, SCORE
+from freemesh_ray.studies import grid
+from freemesh_ray.studies.grid import LABEL
 from freemesh_ray.studies.space import Space, read_space
 
-LABEL = Field(str, pattern=r"[\w.+=, -]{1,60}", hint="up to 60 letters, digits, spaces and . + = , _ -")
 #: What may stand between two labels of an expectation: is better than, scores the same as.
 BETTER, SAME = ">", "="
 
-#: What ``study`` may hold besides ``variants`` and ``search``; defaults are those of `Study`.
+#: What ``study`` may hold besides ``variants``, ``grid`` and ``search``; defaults are those of `Study`.
 KEYS: dict[str, Field] = {
     "title": Field(str),
     "paper": Field(str, optional=True),
@@ -35,7 +37,7 @@ KEYS: dict[str, Field] = {
     "metric": Field(str, words=METRICS),
     "retries": Field(int, 0, 100),
 }
-#: What ``study.search`` may hold besides ``space``; defaults are those of `Search`.
+#: What ``study.search`` may hold besides ``space`` and ``confirm``; defaults are those of `Search`.
 SEARCH_KEYS: dict[str, Field] = {
     "trials": Field(int, 1, 10**6),
     "searcher": Field(str, words=("optuna", "random")),
@@ -44,6 +46,21 @@ SEARCH_KEYS: dict[str, Field] = {
     "reduction": Field(float, 1.5, 100),
     "perturbation": Field(int, 1, config.COUNT),
 }
+#: What ``study.search.confirm`` may hold; defaults are those of `Confirm`.
+CONFIRM_KEYS: dict[str, Field] = {"best": Field(int, 1, 1000), "seeds": KEYS["seeds"]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Confirm:
+    """The best draws of a search, and its default, trained again: the best of many is the luckiest, too.
+
+    Attributes:
+        seeds: of these trainings, none of the search's own.
+        best: how many draws.
+    """
+
+    seeds: Sequence[int]
+    best: int = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +68,13 @@ class Search:
     """A search of a space of settings.
 
     Attributes:
-        trials: how many; the first has the study's own settings.
+        trials: how many draws, each trained with each of the study's seeds; the first has the study's own settings.
         space: dotted key -> what its values are drawn from.
         searcher: optuna (tree-structured Parzen estimator) or random.
         scheduler: asha (asynchronous successive halving), pbt (population based training) or none.
         grace: env steps before asha may stop a trial; ``reduction``: one of so many goes on at each rung.
         perturbation: env steps between two of pbt's perturbations.
+        confirm: what is trained again when the search is over; None for nothing.
     """
 
     trials: int
@@ -66,6 +84,7 @@ class Search:
     grace: int = 10_000
     reduction: float = 3.0
     perturbation: int = 10_000
+    confirm: Confirm | None = None
 
 
 class Expectation(NamedTuple):
@@ -125,6 +144,12 @@ class Study:
         own = config.values(self.variants[label]).get("seed")
         return self.seeds if own is None else [own]
 
+    def trainings(self) -> int:
+        """How many trainings there are, without those that confirm a search."""
+        if self.search is not None:
+            return self.search.trials * len(self.seeds)
+        return sum(len(self.seeds_of(label)) for label in self.variants)
+
     def trial_config(self, label: str | None, seed: int, drawn: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """The complete tree of one trial.
 
@@ -162,6 +187,8 @@ class Study:
                 **{key: getattr(self.search, key) for key in SEARCH_KEYS},
                 "space": {key: {space.distribution: list(space.values)} for key, space in self.search.space.items()},
             }
+            if confirm := self.search.confirm:
+                about["search"]["confirm"] = {"best": confirm.best, "seeds": list(confirm.seeds)}
         return {
             "study": {key: value for key, value in about.items() if value not in ([], {}, None)},
             "settings": common,
@@ -233,8 +260,7 @@ def _over(study: Study, last: list[Layer], smoke: bool) -> Study:
                 raise ConfigError(f"{entry.place}: {entry.key} is what the study's trials differ in: change its file")
     if smoke:
         last = [config.file_layer("study_smoke"), *last]
-        search = replace(study.search, trials=min(6, study.search.trials)) if study.search else None
-        study = replace(study, name=f"{study.name}-smoke", seeds=study.seeds[:2], search=search)
+        study = _shrunk(study)
     study = replace(study, last=last)
     for label in study.variants:
         study.trial_config(label, study.seeds_of(label)[0])  # resolved once: what is wrong shows now
@@ -243,18 +269,32 @@ def _over(study: Study, last: list[Layer], smoke: bool) -> Study:
     return study
 
 
+def _shrunk(study: Study) -> Study:
+    """The same with few trials."""
+    search = study.search
+    if search is None:
+        return replace(study, name=f"{study.name}-smoke", seeds=study.seeds[:2])
+    confirm = replace(search.confirm, best=1, seeds=search.confirm.seeds[:1]) if search.confirm else None
+    search = replace(search, trials=min(6, search.trials), confirm=confirm)
+    return replace(study, name=f"{study.name}-smoke", seeds=study.seeds[:1], search=search)
+
+
 def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) -> Study:
-    values, parts = _keys(node, name, line, "study", KEYS, "variants", "search")
+    values, parts = _keys(node, name, line, "study", KEYS, "variants", "grid", "search")
     variants = _variants(name, *parts["variants"]) if "variants" in parts else {}
+    if "grid" in parts and not variants:
+        variants = _grid(name, *parts["grid"])
     search = _search(name, *parts["search"]) if "search" in parts else None
     if "title" not in values:
         raise ConfigError(f"{name}:{line}: study.title is missing: it must be {KEYS['title']}")
-    if bool(variants) == bool(search):
-        raise ConfigError(f"{name}:{line}: study: give variants (label: settings), or a search, one of the two")
+    if bool(variants) == bool(search) or {"variants", "grid"} <= set(parts):
+        raise ConfigError(f"{name}:{line}: study: give variants (label: settings), a grid or a search, one of them")
     seeds = values.get("seeds", [])
-    if search and len(seeds) != 1:
-        at = parts["seeds"][1] if seeds else line
-        raise ConfigError(f"{name}:{at}: study.seeds: a search has one seed: write seeds: [356]")
+    if search and search.scheduler == "pbt" and len(seeds) > 1:
+        raise ConfigError(f"{name}:{parts['seeds'][1]}: study.seeds: a population has one seed: write seeds: [356]")
+    if search and search.confirm and (again := sorted(set(seeds) & set(search.confirm.seeds))):
+        place = f"{name}:{parts['search'][1]}: study.search.confirm.seeds"
+        raise ConfigError(f"{place}: {again[0]} is one of the search's own: give fresh ones")
     if "expects" in values:
         place = f"{name}:{parts['expects'][1]}"
         values["expects"] = [_expected(text, variants, place) for text in values["expects"]]
@@ -274,8 +314,17 @@ def _variants(name: str, node: yaml.Node, line: int) -> dict[str, Layer]:
     return variants
 
 
+def _grid(name: str, node: yaml.Node, line: int) -> dict[str, Layer]:
+    choices = _pairs(node, line, name, "study.grid")
+    values = {
+        key: grid.read_values(key, config.plain(choice, f"{name}:{at}"), f"{name}:{at}")
+        for key, (choice, at) in choices.items()
+    }
+    return grid.variants(values, f"{name}:{line}") if values else {}
+
+
 def _search(name: str, node: yaml.Node, line: int) -> Search:
-    values, parts = _keys(node, name, line, "study.search", SEARCH_KEYS, "space")
+    values, parts = _keys(node, name, line, "study.search", SEARCH_KEYS, "space", "confirm")
     choices = _pairs(*parts["space"], name, "study.search.space") if "space" in parts else {}
     if "trials" not in values or not choices:
         raise ConfigError(f"{name}:{line}: study.search: needs trials (how many) and space (key: {{uniform: [a, b]}})")
@@ -283,7 +332,18 @@ def _search(name: str, node: yaml.Node, line: int) -> Search:
         key: read_space(key, config.plain(choice, f"{name}:{at}"), f"{name}:{at}")
         for key, (choice, at) in choices.items()
     }
-    return Search(space=space, **values)
+    confirm = _confirm(name, *parts["confirm"]) if "confirm" in parts else None
+    if confirm and values.get("scheduler") == "pbt":
+        at = parts["confirm"][1]
+        raise ConfigError(f"{name}:{at}: study.search.confirm: a population's settings change on the way: remove it")
+    return Search(space=space, confirm=confirm, **values)
+
+
+def _confirm(name: str, node: yaml.Node, line: int) -> Confirm:
+    values, _ = _keys(node, name, line, "study.search.confirm", CONFIRM_KEYS)
+    if "seeds" not in values:
+        raise ConfigError(f"{name}:{line}: study.search.confirm.seeds is missing: it must be {CONFIRM_KEYS['seeds']}")
+    return Confirm(**values)
 
 
 def _expected(text: str, variants: Mapping[str, Layer], place: str) -> Expectation:

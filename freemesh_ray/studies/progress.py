@@ -15,9 +15,9 @@ from ray.tune.experiment import Trial as TuneTrial
 
 from freemesh_ray.formatting.table import duration, number
 from freemesh_ray.policies.evaluation import COMPLETION, RETURN
+from freemesh_ray.studies.finished import FINISHED
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.studies.study_folder import OVER, StudyFolder, TrialRecord
-from freemesh_ray.studies.trainable import FINISHED
 
 #: Seconds between two lines on how far the running trials are.
 INTERVAL = 15.0
@@ -30,14 +30,16 @@ class StudyProgress(Callback):
 
     Args:
         folder: the study's folder, whose ``trials.json`` is there.
+        experiment: Tune's folder.
         plan: its trials.
-        planned: how many there will be.
+        planned: how many trainings there will be.
         budget: env steps of each.
         keep: whether checkpoints of trials that are over may still be needed, as by population based training.
     """
 
-    def __init__(self, folder: Path, plan: Plan, planned: int, budget: int, keep: bool) -> None:
+    def __init__(self, folder: Path, experiment: Path, plan: Plan, planned: int, budget: int, keep: bool) -> None:
         self._folder, self._plan, self._planned, self._budget = StudyFolder(folder), plan, planned, budget
+        self._experiment = experiment.name
         self._keep = keep
         self._over: list[Path] = []
         self._figures: dict[str, dict[str, Any]] = {}
@@ -50,7 +52,7 @@ class StudyProgress(Callback):
 
     def on_trial_start(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial begins, or goes on."""
-        fresh = self._record(trial).status == "pending"
+        fresh = self._records_of(trial)[0].status == "pending"
         self._set(trial, "running")
         if fresh:
             self._say(f"{self._prefix()}  {self._name(trial)}  begins")
@@ -59,20 +61,18 @@ class StudyProgress(Callback):
         self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, result: dict[str, Any], **info: Any
     ) -> None:
         """A trial evaluated itself."""
-        self._figures[self._name(trial)] = result
+        self._figures |= {record.run: result for record in self._records_of(trial)}
         self._remove_checkpoints()
         if time.monotonic() - self._told >= INTERVAL:
             self._told = time.monotonic()
-            running = [self._line(self._name(t)) for t in trials if t.status == "RUNNING"]
+            running = [self._line(t) for t in trials if t.status == "RUNNING"]
             self._say(f"{self._prefix()}  {'   '.join(running)}{self._time_left()}")
 
     def on_trial_complete(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial came to its end, or a scheduler stopped it."""
-        record = self._record(trial)
-        whole = (self._folder.path / record.run / FINISHED).is_file()
-        self._set(trial, "finished" if whole else "stopped")
-        self._over.append(self._folder.tune / Path(trial.path or "").name)
-        self._say(f"{self._prefix()}  {self._line(self._name(trial))}  {record.status}")
+        self._set(trial, "stopped")
+        self._over.append(self._folder.path / self._experiment / Path(trial.path or "").name)
+        self._say(f"{self._prefix()}  {self._line(trial)}  {self._records_of(trial)[0].status}")
 
     def on_experiment_end(self, trials: list[TuneTrial], **info: Any) -> None:
         """Nothing runs any more."""
@@ -80,10 +80,8 @@ class StudyProgress(Callback):
 
     def on_trial_error(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial failed for good."""
-        record = self._record(trial)
-        record.error = reason(trial)
-        self._set(trial, "failed")
-        self._say(f"{self._prefix()}  {self._name(trial)}  failed: {record.error}")
+        self._set(trial, "failed", reason(trial))
+        self._say(f"{self._prefix()}  {self._name(trial)}  failed: {reason(trial)}")
 
     def on_trial_recover(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """A trial failed and is tried again."""
@@ -95,27 +93,33 @@ class StudyProgress(Callback):
             for checkpoint in place.glob("checkpoint_*"):
                 shutil.rmtree(checkpoint, ignore_errors=True)
 
-    def _of(self, trial: TuneTrial) -> tuple[TrialRecord, Trial]:
-        """The trial as it is listed, and as it is now: population based training changes settings on the way."""
-        it = self._plan.trial(trial.config, trial.trial_id)
-        run = os.path.relpath(it.folder.path, self._folder.path.absolute())
-        return self._records.setdefault(run, TrialRecord(it.label, it.seed, run, settings=dict(it.drawn))), it
+    def _of(self, trial: TuneTrial) -> list[tuple[TrialRecord, Trial]]:
+        """Its trainings as they are listed, and as they are now: population based training changes settings."""
+        found = []
+        for it in self._plan.trainings(trial.config, trial.trial_id):
+            run = os.path.relpath(it.folder.path, self._folder.path.absolute())
+            listed = TrialRecord(it.label, it.seed, run, settings=dict(it.drawn) if it.drawn else None)
+            found.append((self._records.setdefault(run, listed), it))
+        return found
+
+    def _records_of(self, trial: TuneTrial) -> list[TrialRecord]:
+        return [record for record, _ in self._of(trial)]
 
     def _name(self, trial: TuneTrial) -> str:
-        return self._record(trial).name
+        records = self._records_of(trial)
+        return records[0].name if len(records) == 1 else records[0].label
 
-    def _record(self, trial: TuneTrial) -> TrialRecord:
-        return self._of(trial)[0]
-
-    def _set(self, trial: TuneTrial, status: str) -> None:
-        record, it = self._of(trial)
-        record.status, record.settings = status, dict(it.drawn)
-        if status != "failed":
-            record.error = None
+    def _set(self, trial: TuneTrial, status: str, error: str | None = None) -> None:
+        """Note the state of its trainings; what came to its end stays finished."""
+        for record, it in self._of(trial):
+            whole = (self._folder.path / record.run / FINISHED).is_file()
+            record.status = "finished" if whole else status
+            record.settings = dict(it.drawn) if it.drawn else None
+            record.error = None if whole else error
         self._folder.write(list(self._records.values()))
 
-    def _line(self, name: str) -> str:
-        figures = self._figures.get(name)
+    def _line(self, trial: TuneTrial) -> str:
+        name, figures = self._name(trial), self._figures.get(self._records_of(trial)[0].run)
         if figures is None:
             return f"{name} begins"
         return (
@@ -135,7 +139,7 @@ class StudyProgress(Callback):
         return f"   {duration((time.monotonic() - self._began) * open_ / taken)} left" if taken else ""
 
     def _steps(self, record: TrialRecord) -> int:
-        return min(self._budget, int(self._figures.get(record.name, {}).get("env_steps", 0)))
+        return min(self._budget, int(self._figures.get(record.run, {}).get("env_steps", 0)))
 
     @staticmethod
     def _say(line: str) -> None:

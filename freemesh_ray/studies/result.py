@@ -41,7 +41,7 @@ class TrialResult:
     @property
     def name(self) -> str:
         """Unique in its study."""
-        return self.label if self.settings else f"{self.label}-{self.seed}"
+        return f"{self.label}-{self.seed}"
 
     @cached_property
     def policy(self) -> Policy | None:

@@ -1,6 +1,7 @@
 """A study run: what is found is not trained again, the rest goes to Ray Tune, the best policy is registered.
 
-definition -> plan -> [ found finished | Tuner(TrialTrainable) ] -> trials.json -> best policy -> report
+definition -> plan -> [ found finished | Tuner(TrialTrainable) ] -> trials.json -> (confirmation of a search, the
+same way) -> best policy -> report
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -20,13 +22,15 @@ from ray import tune
 from freemesh_ray.config import flatten
 from freemesh_ray.storage.lock import held, holder
 from freemesh_ray.studies import progress, search
+from freemesh_ray.studies.confirmation import confirmation_plan, draws, of_search, score
 from freemesh_ray.studies.definition import Study
-from freemesh_ray.studies.plan import Plan, SearchPlan, VariantPlan, variant_plan
+from freemesh_ray.studies.finished import finished
+from freemesh_ray.studies.plan import Plan, SearchPlan, VariantPlan, lineage, variant_plan
 from freemesh_ray.studies.result import StudyResult, TrialResult, best_trial
 from freemesh_ray.studies.study_folder import OVER, StudyError, StudyFolder, TrialRecord
-from freemesh_ray.studies.trainable import TrialTrainable, finished, resources
+from freemesh_ray.studies.trainable import TrialTrainable, resources
+from freemesh_ray.studies.training_source import training_source
 from freemesh_ray.tracking import MLflowRun, share
-from freemesh_ray.tracking.provenance import source
 from freemesh_ray.training.callback import Callback
 from freemesh_ray.training.job import tags
 from freemesh_ray.training.loop import Algorithm
@@ -49,19 +53,40 @@ QUIET = {
 }
 
 
+def folder_of(study: Study) -> StudyFolder:
+    """Where a study lies."""
+    return StudyFolder(Path(study.settings_of_all()["paths"]["studies"]) / study.name)
+
+
 def planned(study: Study) -> tuple[StudyFolder, Plan, list[TrialRecord]]:
     """Where a study lies, its plan, and its trials as far as they are known before it runs."""
-    settings = study.settings_of_all()
-    folder = StudyFolder(Path(settings["paths"]["studies"]) / study.name)
+    folder = folder_of(study)
     if study.search:
         return folder, SearchPlan(study, folder.runs), []
-    plan = variant_plan(study, source())
+    plan = variant_plan(study, training_source())
+    return folder, plan, records_of(plan, folder)
+
+
+def records_of(plan: VariantPlan, folder: StudyFolder) -> list[TrialRecord]:
+    """The trials of a plan as they are found."""
     records = []
     for trial in plan.trials.values():
         done = finished(trial.folder) is not None
         run = os.path.relpath(trial.folder.path, folder.path)
-        records.append(TrialRecord(trial.label, trial.seed, run, "finished" if done else "pending", shared=done))
-    return folder, plan, records
+        drawn = dict(trial.drawn) if trial.drawn else None
+        status = "finished" if done else "pending"
+        records.append(TrialRecord(trial.label, trial.seed, run, status, settings=drawn, shared=done))
+    return records
+
+
+def prepare(study: Study, resume: bool) -> None:
+    """Before Ray is started: see what `run` would refuse.
+
+    Raises:
+        StudyError: as `run`.
+    """
+    folder, _, records = planned(folder_of(study).going_on(study, resume))
+    merged(records, folder.read(), folder.changed_source())
 
 
 def run(
@@ -77,24 +102,26 @@ def run(
 
     Args:
         study: it.
-        resume: go on where it stopped: finished trials stay, running ones go on from their checkpoints.
+        resume: go on where it stopped, with what it was extended by: finished trials stay, or go on where their budget
+            grew, running ones go on from their checkpoints.
         make: the algorithm's factory.
         report: writes the report into the study's folder; its files are tracked.
         callbacks: of every trial's training, in its process.
         note: called with lines of progress.
 
     Raises:
-        StudyError: there is such a study, and ``resume`` is false, it is another, or it was begun from another source.
+        StudyError: there is such a study, and ``resume`` is false, it is another, or it was begun with another source.
         InUseError: another process runs it.
         KeyboardInterrupt: it was interrupted; ``resume`` goes on.
     """
-    folder, plan, records = planned(study)
-    folder.claim(study, resume)
-    settings = study.settings_of_all()
-    tracking = settings["tracking"]
-    with (
-        held(folder.path, "wait for its end"),
-        MLflowRun(
+    prepare(study, resume)
+    folder = folder_of(study)
+    folder.make()
+    with held(folder.path, "wait for its end"):
+        study = folder.claim(study, resume)
+        settings = study.settings_of_all()
+        tracking = settings["tracking"]
+        with MLflowRun(
             folder.path,
             uri=tracking["uri"],
             experiment=tracking["experiment"],
@@ -104,52 +131,131 @@ def run(
             resume=resume,
             folders=[*settings["paths"].values()],
             enabled=tracking["enabled"],
-        ) as parent,
-    ):
-        records = merged(records, folder.read())
-        parent.artifact(folder.definition)
-        folder.write(records)
-        note(opening(study, folder, records))
-        if isinstance(plan, VariantPlan):
-            share_finished(study, folder.path, plan, records, tracking, parent.id)
-        total = study.search.trials if study.search else len(records)
-        if sum(record.status in ("finished", "stopped") for record in records) < total:
-            with telling(note):
-                trainable = tune.with_parameters(
-                    TrialTrainable, make=make, callbacks=callbacks, plan=plan, study=study.name, parent=parent.id
-                )
-                records = run_trials(study, folder, plan, records, total, trainable)
-            if isinstance(plan, VariantPlan):  # those that another study trained meanwhile
-                share_finished(study, folder.path, plan, records, tracking, parent.id)
-        if sum(record.status in OVER for record in records) < total:
-            raise KeyboardInterrupt
-        trials = [TrialResult.of(record, folder) for record in records]
-        result = StudyResult(folder, trials, best_trial(trials, study.metric))
-        if result.best is not None:
-            register_best(parent, study, result.best)
-        report(folder.path)
-        for path in [folder.trials, *result.report]:
-            parent.artifact(path, "report" if path.parent == folder.report else None)
+        ) as parent:
+            parent.artifact(folder.definition)
+            _, plan, records = planned(study)
+            records = merged(records, folder.read(), folder.changed_source())
+            folder.write(records)
+            note(opening(study, folder, records))
+            trainable = partial(tune.with_parameters, TrialTrainable, make=make, callbacks=callbacks, study=study.name)
+            of_all = Phase(plan, folder.tune, study.trainings(), partial(of_search, study))
+            train(study, folder, of_all, trainable, parent, note)
+            if study.search and study.search.confirm:
+                confirm, records = confirmed(study, folder)
+                folder.write(records)
+                note(confirming(study, confirm))
+                again = Phase(confirm, folder.tune_confirm, len(confirm.trials), partial(of_plan, confirm))
+                train(study, folder, again, trainable, parent, note)
+            trials = [TrialResult.of(record, folder) for record in folder.read()]
+            result = StudyResult(folder, trials, best_trial(trials, study.metric))
+            if result.best is not None:
+                register_best(parent, study, result.best)
+            report(folder.path)
+            for path in [folder.trials, *result.report]:
+                parent.artifact(path, "report" if path.parent == folder.report else None)
     return result
 
 
-def merged(expected: list[TrialRecord], before: list[TrialRecord]) -> list[TrialRecord]:
-    """The trials of a study that goes on: as they were left, but for what was finished since.
+@dataclass(frozen=True)
+class Phase:
+    """Trials that Ray Tune runs as one experiment.
+
+    Attributes:
+        plan: of them.
+        experiment: Tune's folder.
+        total: how many trainings they are.
+        own: of all records of the study theirs.
+    """
+
+    plan: Plan
+    experiment: Path
+    total: int
+    own: Callable[[Sequence[TrialRecord]], list[TrialRecord]]
+
+    def left(self, records: Sequence[TrialRecord], over: Sequence[str]) -> int:
+        """How many are in none of the states ``over``."""
+        return self.total - sum(record.status in over for record in self.own(records))
+
+
+def train(
+    study: Study,
+    folder: StudyFolder,
+    phase: Phase,
+    trainable: Callable[..., Any],
+    parent: MLflowRun,
+    note: Callable[[str], None],
+) -> None:
+    """Train what of a phase is not over; failed trials are tried again.
 
     Raises:
-        StudyError: the trials are others now: they were begun from another commit, or source.
+        KeyboardInterrupt: it was interrupted.
+    """
+    tracking = study.settings_of_all()["tracking"]
+
+    def share_those() -> None:
+        if isinstance(phase.plan, VariantPlan):
+            share_finished(study, folder.path, phase.plan, phase.own(folder.read()), tracking, parent.id)
+
+    share_those()
+    if phase.left(folder.read(), ("finished", "stopped")) > 0:
+        with telling(note):
+            run_trials(study, folder, phase, trainable(plan=phase.plan, parent=parent.id))
+        share_those()  # those that another study trained meanwhile
+    if phase.left(folder.read(), OVER) > 0:
+        raise KeyboardInterrupt
+
+
+def of_plan(plan: VariantPlan, records: Sequence[TrialRecord]) -> list[TrialRecord]:
+    """The trainings of a plan."""
+    return [record for record in records if record.name in plan.trials]
+
+
+def confirmed(study: Study, folder: StudyFolder) -> tuple[VariantPlan, list[TrialRecord]]:
+    """The trainings that confirm a search which is over, and all of the study's with them.
+
+    Raises:
+        StudyError: they were begun with another source.
+    """
+    before = folder.read()
+    plan = confirmation_plan(study, folder, before, training_source())
+    again = merged(records_of(plan, folder), before, folder.changed_source()) if plan.trials else []
+    return plan, [*(record for record in before if record.name not in plan.trials), *again]
+
+
+def confirming(study: Study, plan: VariantPlan) -> str:
+    """What confirms a search, in a line."""
+    labels = dict.fromkeys(trial.label for trial in plan.trials.values())
+    if not labels:
+        return "nothing to confirm: no draw completed a mesh at its end"
+    seeds = dict.fromkeys(trial.seed for trial in plan.trials.values())
+    return f"{', '.join(labels)} again on {len(seeds)} fresh seeds: {', '.join(map(str, seeds))}"
+
+
+def merged(expected: list[TrialRecord], before: list[TrialRecord], changed: str = "") -> list[TrialRecord]:
+    """The trials of a study that goes on: as they were left, but for what was finished since, or is longer now.
+
+    Args:
+        expected: as they are found.
+        before: as they were left.
+        changed: what of the source is another now, in words.
+
+    Raises:
+        StudyError: the trials are others now: they were begun with another source.
     """
     known = {record.name: record for record in before}
     for record in expected:
         old = known.get(record.name)
-        if old is not None and old.run != record.run:
-            raise StudyError(
-                f"{record.name}: was begun from another commit, or source: go on from that one, "
-                "or --set paths.studies=OTHER to begin anew"
-            )
-        if old is not None and record.status == "finished":
+        if old is None:
+            continue
+        if old.run != record.run:
+            if lineage(old.run) != lineage(record.run):
+                raise StudyError(
+                    f"{record.name}: was begun with other code of training, plug-ins or domains{changed}: "
+                    "go on with those, or --set paths.studies=OTHER to begin anew"
+                )
+        elif record.status == "finished":
             record.shared = old.shared or old.status == "pending"
-        elif old is not None:
+        else:
             record.status = "pending" if old.status == "finished" else old.status
     return expected or before
 
@@ -196,43 +302,59 @@ def telling(note: Callable[[str], None]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def run_trials(
-    study: Study, folder: StudyFolder, plan: Plan, records: list[TrialRecord], total: int, trainable: Any
-) -> list[TrialRecord]:
-    """Run the trials that are not over on Ray Tune.
-
-    Returns:
-        All trials as they are then.
-    """
+def run_trials(study: Study, folder: StudyFolder, phase: Phase, trainable: Any) -> None:
+    """Run the trials of a phase that are not over on Ray Tune."""
     settings = study.settings_of_all()
-    trainable = tune.with_resources(trainable, partial(resources_of, plan))
-    pbt = study.search is not None and study.search.scheduler == "pbt"
-    if tune.Tuner.can_restore(str(folder.tune)):
-        tuner = tune.Tuner.restore(str(folder.tune), trainable, resume_unfinished=True, resume_errored=True)
+    trainable = tune.with_resources(trainable, partial(resources_of, phase.plan))
+    if tune.Tuner.can_restore(str(phase.experiment)):
+        tuner = tune.Tuner.restore(str(phase.experiment), trainable, resume_unfinished=True, resume_errored=True)
     else:
-        left = [record.name for record in records if record.status != "finished"]
+        records = folder.read()
+        keep = study.search is not None and study.search.scheduler == "pbt"
+        planned = len(records) - len(phase.own(records)) + phase.total
+        steps = settings["budget"]["env_steps"]
+        told = progress.StudyProgress(folder.path, phase.experiment, phase.plan, planned, steps, keep)
+        space, how = drawn(study, folder, phase) if isinstance(phase.plan, SearchPlan) else listed(folder, phase)
         tuner = tune.Tuner(
             trainable,
-            param_space=search.param_space(study.search) if study.search else {"trial": tune.grid_search(left)},
-            tune_config=tune.TuneConfig(
-                num_samples=study.search.trials if study.search else 1,
-                search_alg=search.searcher(study) if study.search else None,
-                scheduler=search.scheduler(study, settings["budget"]["env_steps"]),
-                max_concurrent_trials=parallel(settings) if study.search and not pbt else None,
-                reuse_actors=True,
-            ),
+            param_space=space,
+            tune_config=how,
             run_config=tune.RunConfig(
-                name=folder.tune.name,
+                name=phase.experiment.name,
                 storage_path=str(folder.path),
                 failure_config=tune.FailureConfig(max_failures=study.retries),
                 checkpoint_config=tune.CheckpointConfig(checkpoint_frequency=1, num_to_keep=KEPT),
-                callbacks=[progress.StudyProgress(folder.path, plan, total, settings["budget"]["env_steps"], pbt)],
+                callbacks=[told],
                 verbose=0,
             ),
         )
     with ended_by_signals():
         tuner.fit()
-    return folder.read()
+
+
+def listed(folder: StudyFolder, phase: Phase) -> tuple[dict[str, Any], tune.TuneConfig]:
+    """What Tune runs of trials that are known."""
+    left = [record.name for record in phase.own(folder.read()) if record.status != "finished"]
+    return {"trial": tune.grid_search(left)}, tune.TuneConfig(scheduler=search.scheduler(None, 0), reuse_actors=True)
+
+
+def drawn(study: Study, folder: StudyFolder, phase: Phase) -> tuple[dict[str, Any], tune.TuneConfig]:
+    """What Tune runs of a search: as many draws as are not known yet."""
+    assert study.search is not None
+    settings = study.settings_of_all()
+    known = {
+        label: (search.as_drawn(study, records[0].settings or {}), score(folder, records, study.metric))
+        for label, records in draws(study, folder.read()).items()
+        if all(record.status in OVER for record in records)
+    }
+    pbt = study.search.scheduler == "pbt"
+    return search.param_space(study.search), tune.TuneConfig(
+        num_samples=study.search.trials - len(known),
+        search_alg=search.searcher(study, list(known.values())),
+        scheduler=search.scheduler(study, settings["budget"]["env_steps"]),
+        max_concurrent_trials=None if pbt else parallel(settings),
+        reuse_actors=True,
+    )
 
 
 @contextmanager
@@ -269,7 +391,7 @@ def ended_by_signals() -> Iterator[None]:
 
 def resources_of(plan: Plan, given: Mapping[str, Any]) -> tune.PlacementGroupFactory:
     """What the trial of Tune's configuration takes."""
-    return resources(plan.trial(given, "").config)
+    return resources(plan.trainings(given, "")[0].config)
 
 
 def parallel(settings: Mapping[str, Any]) -> int:
@@ -304,15 +426,15 @@ def register_best(parent: MLflowRun, study: Study, best: TrialResult) -> None:
 def opening(study: Study, folder: StudyFolder, records: list[TrialRecord]) -> str:
     """What is about to happen, in lines."""
     settings = study.settings_of_all()
-    found = sum(record.status == "finished" for record in records)
-    count = study.search.trials if study.search else len(records)
+    own = of_search(study, records)
+    found = sum(record.status == "finished" for record in own)
     steps = settings["budget"]["env_steps"]
     known = f", {found} of them trained before" if found else ""
     lines = [
         study.title,
-        f"{count} trials of {steps:,} env steps{known}, {parallel(settings)} at a time -> {folder.path}",
+        f"{study.trainings()} trials of {steps:,} env steps{known}, {parallel(settings)} at a time -> {folder.path}",
     ]
     for record in records:
         if record.status != "finished" and (by := holder(folder.run_of(record).path)):
-            lines.append(f"{record.label}-{record.seed} is waited for: {by}")
+            lines.append(f"{record.name} is waited for: {by}")
     return "\n".join(lines)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ray import tune
@@ -10,7 +11,7 @@ from ray.tune.schedulers import AsyncHyperBandScheduler, FIFOScheduler, Populati
 from ray.tune.search import BasicVariantGenerator, SearchAlgorithm, Searcher
 
 from freemesh_ray.studies.definition import Search, Study
-from freemesh_ray.studies.plan import default_point
+from freemesh_ray.studies.plan import default_point, point
 from freemesh_ray.studies.space import Space
 
 TIME_ATTR = "env_steps"
@@ -34,24 +35,46 @@ def distribution(space: Space) -> Any:
             return tune.choice(list(space.values))
 
 
-def searcher(study: Study) -> Searcher | SearchAlgorithm:
-    """What proposes points: the study's own settings first, then by what was found."""
+#: A draw and its figure at its end.
+Draw = tuple[dict[str, Any], float]
+
+
+def searcher(study: Study, known: Sequence[Draw] = ()) -> Searcher | SearchAlgorithm:
+    """What proposes points: the study's own settings first, then by what was found.
+
+    Args:
+        study: the search.
+        known: draws that are over, where more are added: they are told to the searcher, and not drawn again.
+    """
     search = study.search
     assert search is not None
-    first = [default_point(study)]
+    first = [] if known else [default_point(study)]
     if search.searcher == "random" or search.scheduler == "pbt":
-        return BasicVariantGenerator(points_to_evaluate=first, random_state=study.seeds[0])
+        return BasicVariantGenerator(points_to_evaluate=first or None, random_state=study.seeds[0] + len(known))
     import optuna
     from ray.tune.search.optuna import OptunaSearch
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    return OptunaSearch(points_to_evaluate=first, metric=study.metric, mode="max", seed=study.seeds[0])
+    told = [(drawn, figure) for drawn, figure in known if math.isfinite(figure)]
+    return OptunaSearch(
+        points_to_evaluate=[drawn for drawn, _ in told] or first,
+        evaluated_rewards=[figure for _, figure in told] or None,
+        metric=study.metric,
+        mode="max",
+        seed=study.seeds[0] + len(known),
+    )
 
 
-def scheduler(study: Study, budget: int) -> TrialScheduler:
-    """What stops or changes trials on their way."""
-    search = study.search
-    if search is None or search.scheduler == "none":
+def as_drawn(study: Study, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of a draw, read from a file, as Tune drew them: lists are tuples."""
+    assert study.search is not None
+    return point({key: settings[key] for key in study.search.space})
+
+
+def scheduler(study: Study | None, budget: int) -> TrialScheduler:
+    """What stops or changes trials on their way; of no search nothing does."""
+    search = study.search if study else None
+    if study is None or search is None or search.scheduler == "none":
         return FIFOScheduler()
     if search.scheduler == "asha":
         grace = min(search.grace, budget)

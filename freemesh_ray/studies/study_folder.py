@@ -1,6 +1,8 @@
 """The folder of a study: where its parts lie.
 
-studies/NAME/study.yaml     what was asked for
+studies/NAME/study.yaml     what was asked for, with what was added since
+             earlier.json   what it was before each extension
+             source.json    what training ran (`freemesh_ray.studies.training_source`)
              trials.json    every trial: label, seed, settings, run folder, status
              tune/          Ray Tune's own record, to go on from
              runs/          the trials of a search; those of variants lie in paths.runs, for all studies
@@ -11,6 +13,7 @@ studies/NAME/study.yaml     what was asked for
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,6 +24,8 @@ from freemesh_ray import config
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import read_json
 from freemesh_ray.studies.definition import Study, load
+from freemesh_ray.studies.extension import refused
+from freemesh_ray.studies.training_source import training_source
 from freemesh_ray.training.run_folder import RunFolder
 
 
@@ -58,7 +63,7 @@ class TrialRecord:
     @property
     def name(self) -> str:
         """Unique in its study; the same as the planned trial's."""
-        return self.label if self.settings else f"{self.label}-{self.seed}"
+        return f"{self.label}-{self.seed}"
 
 
 @dataclass(frozen=True)
@@ -82,9 +87,24 @@ class StudyFolder:
         return self.path / "trials.json"
 
     @property
+    def earlier(self) -> Path:
+        """What it was before each extension."""
+        return self.path / "earlier.json"
+
+    @property
+    def source(self) -> Path:
+        """What training ran when it was begun."""
+        return self.path / "source.json"
+
+    @property
     def tune(self) -> Path:
         """Ray Tune's experiment."""
         return self.path / "tune"
+
+    @property
+    def tune_confirm(self) -> Path:
+        """Ray Tune's experiment of what confirms a search."""
+        return self.path / "tune-confirm"
 
     @property
     def runs(self) -> Path:
@@ -111,43 +131,107 @@ class StudyFolder:
             )
         return replace(load(self.definition, beside=False), name=self.path.resolve().name)
 
-    def claim(self, study: Study, resume: bool) -> None:
-        """Make the folder for a study, or take it up again.
+    def going_on(self, study: Study, resume: bool) -> Study:
+        """The study that is run here when ``study`` is asked for: one that was extended since goes on as it is now.
 
         Raises:
-            StudyError: it holds a study and ``resume`` is false, or another one, or it cannot be made.
+            StudyError: the folder holds a study and ``resume`` is false, or one that ``study`` does not extend.
             ConfigError: what it holds is damaged.
         """
-        if self.definition.is_file():
-            if not resume:
-                raise StudyError(
-                    f"{self.path} already holds a study: add --resume to go on, "
-                    "or --set paths.studies=OTHER to begin anew"
-                )
-            before, now = self.study().tree(), study.tree()
-            changed = [
-                f"{part}.{key}"
-                for part in now
-                for key in before[part] | now[part]
-                if before[part].get(key) != now[part].get(key)
-            ]
-            if changed:
-                raise StudyError(
-                    f"{self.definition} was begun with other settings ({', '.join(changed)}): go on with the same, "
-                    "or --set paths.studies=OTHER to begin another"
-                )
-            return
+        if not self.definition.is_file():
+            return study
+        if not resume:
+            raise StudyError(
+                f"{self.path} already holds a study: add --resume to go on, or --set paths.studies=OTHER to begin anew"
+            )
+        before = self.study()
+        if study.tree() == before.tree():
+            return study
+        if _plain(study.tree()) in self.extensions():
+            return before
+        if changed := refused(before, study):
+            raise StudyError(
+                f"{self.definition} was begun with other settings, which cannot change: {', '.join(changed)}: "
+                "go on with the same, or --set paths.studies=OTHER to begin another"
+            )
+        more = study.search is not None and before.search is not None and study.search.trials > before.search.trials
+        if more and sum(record.status in OVER for record in self.read()) < before.trainings():
+            raise StudyError(
+                f"{self.path}: study.search.trials: the search is not over, and its searcher has to know all: "
+                f"go on with {self.definition} first, then add trials"
+            )
+        return study
+
+    def extensions(self) -> list[Any]:
+        """The trees of the study before each extension.
+
+        Raises:
+            StudyError: their file is damaged.
+        """
+        try:
+            found = read_json(self.earlier) if self.earlier.exists() else []
+        except (OSError, ValueError) as error:
+            raise StudyError(f"{self.earlier}: is damaged ({str(error)[:100]}): remove it") from error
+        return found if isinstance(found, list) else []
+
+    def make(self) -> None:
+        """Make the folder, if it is not there.
+
+        Raises:
+            StudyError: it cannot be made.
+        """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StudyError(f"{self.path}: cannot be made ({error.strerror}): set paths.studies elsewhere") from error
+
+    def claim(self, study: Study, resume: bool) -> Study:
+        """Write a study down in its folder, or take it up again, with what it is extended by.
+
+        Returns:
+            The study that is run, see `going_on`.
+
+        Raises:
+            StudyError, ConfigError: see `going_on`.
+        """
+        study = self.going_on(study, resume)
+        if not self.definition.is_file():
+            self._write_json(self.source, dict(training_source()))
+        else:
+            before = self.study()
+            if study.tree() == before.tree():
+                return study
+            self._write_json(self.earlier, [*self.extensions(), before.tree()])
+            self._forget_tune(before, study)
         with replacing(self.definition) as draft:
             draft.write_text(config.dump(study.tree()), encoding="utf-8")
+        return study
+
+    def _forget_tune(self, before: Study, now: Study) -> None:
+        """Drop Tune's record, which has no room for more trials: what is not over goes on from the checkpoints in the
+        run folders; a search that is given more trials is over.
+        """
+        shutil.rmtree(self.tune_confirm, ignore_errors=True)
+        if now.search is None or before.search is None or now.search.trials > before.search.trials:
+            shutil.rmtree(self.tune, ignore_errors=True)
+
+    def changed_source(self) -> str:
+        """What of the source is another than when the study was begun, in words; empty where nothing is known."""
+        try:
+            before = read_json(self.source)
+            changed = [key for key, value in training_source().items() if before.get(key) != value]
+        except (OSError, ValueError, AttributeError):
+            return ""
+        return f" ({', '.join(changed)})" if changed else ""
+
+    @staticmethod
+    def _write_json(path: Path, value: Any) -> None:
+        with replacing(path) as draft:
+            draft.write_text(json.dumps(value, indent=1), encoding="utf-8")
 
     def write(self, records: Sequence[TrialRecord]) -> None:
         """Write ``trials.json``."""
-        with replacing(self.trials) as draft:
-            draft.write_text(json.dumps([asdict(record) for record in records], indent=1), encoding="utf-8")
+        self._write_json(self.trials, [asdict(record) for record in records])
 
     def read(self) -> list[TrialRecord]:
         """Read ``trials.json``; nothing where there is none.
@@ -175,6 +259,11 @@ class StudyFolder:
     def run_folders(self) -> list[Path]:
         """Where the trials lie; nothing where there is no study."""
         return [self.run_of(record).path for record in self.read()]
+
+
+def _plain(tree: Any) -> Any:
+    """A tree as JSON gives it back."""
+    return json.loads(json.dumps(tree))
 
 
 def _check(record: TrialRecord) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import subprocess
@@ -32,16 +31,6 @@ def provenance() -> dict[str, str]:
     elif given := os.environ.get(GIVEN):
         tags[COMMIT] = given
     return tags
-
-
-def source() -> str:
-    """What runs: the commit, with a digest of the changes since; outside a repository a digest of the source files."""
-    if commit := _commit():
-        changes = _git("diff", "HEAD")
-        return f"{commit}-{hashlib.sha256(changes.encode()).hexdigest()[:12]}" if changes else commit
-    folder = Path(__file__).parents[2]
-    files = [path for package in ("envs", "freemesh_ray") for path in sorted((folder / package).rglob("*.py"))]
-    return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()
 
 
 def _commit() -> str:

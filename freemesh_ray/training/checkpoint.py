@@ -63,6 +63,40 @@ def save(algorithm: Checkpointed, progress: dict[str, Any], folder: Path, keep: 
     return path
 
 
+def adopt(source: Path, folder: Path, keep: int = 1) -> Path:
+    """Make a checkpoint that lies elsewhere one of ``folder``, in which the ``keep`` newest stay.
+
+    Its files are linked, so that they take no room of their own; across file systems they are copied.
+
+    Raises:
+        OSError, ValueError: it cannot be read or written.
+    """
+    steps = read_json(source / PROGRESS)["env_steps"]
+    folder.mkdir(exist_ok=True)
+    path = folder / f"step_{steps:09d}"
+    if (path / PROGRESS).is_file():
+        return path
+    partial = folder / f".partial_{path.name}_{secrets.token_hex(8)}"
+    try:
+        partial.mkdir()
+        for name in (STATE, PROGRESS):
+            _link(source / name, partial / name)
+        os.rename(partial, path)
+    except OSError:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    for old in found(folder)[keep:]:
+        discard(old)
+    return path
+
+
+def _link(source: Path, path: Path) -> None:
+    try:
+        os.link(source, path)
+    except OSError:
+        shutil.copyfile(source, path)
+
+
 def write(algorithm: Checkpointed, progress: dict[str, Any], path: Path) -> None:
     """Write a checkpoint into folder ``path``; its progress last, so that one without it is known to be cut short."""
     path.mkdir(parents=True, exist_ok=True)

@@ -22,8 +22,9 @@ from freemesh_ray.algorithms.build import configured
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.studies import definition
 from freemesh_ray.studies.definition import Study
+from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import SearchPlan, Trial, VariantPlan, default_point, variant_plan
-from freemesh_ray.studies.trainable import TrialTrainable, finished
+from freemesh_ray.studies.trainable import TrialTrainable
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
 from freemesh_ray.training.loop import Algorithm, Status
@@ -132,11 +133,12 @@ def test_a_training_is_killed_in_its_last_stage_and_goes_on_to_its_end(path: Pat
 def trials(study: Study, runs: Path) -> dict[str, Trial]:
     """A trial of each of the study's variants; of a search one of its own settings, and one of its space's ends."""
     if study.search is None:
-        every = variant_plan(study, source="").trials.values()
+        every = variant_plan(study, source={}).trials.values()
         chosen = list({trial.label: trial for trial in reversed(every)}.values())
     else:
         ends = {key: space.values[-1] for key, space in study.search.space.items()}
-        chosen = [SearchPlan(study, runs).trial(point, str(i)) for i, point in enumerate([default_point(study), ends])]
+        points = enumerate([default_point(study), ends])
+        chosen = [SearchPlan(study, runs).trainings(point, str(i))[0] for i, point in points]
     return {trial.name: replace(trial, config=shrunk(trial.config, runs, interval=1)) for trial in chosen}
 
 
@@ -156,7 +158,7 @@ def test_a_study_s_trials_are_killed_and_go_on_to_their_ends(path: Path, tmp_pat
         assert stage_of(saved) == last
         at = checkpoint.read(saved)[1]["env_steps"]
         assert first.step()["env_steps"] > at  # and is gone with it
-        first.lock.close()  # as the kernel does for a process that is killed
+        first.release()  # as the kernel does for a process that is killed
 
         second, rows = begin(config={"trial": name}), []
         # Population based training lets a trial go on from another one's checkpoint.

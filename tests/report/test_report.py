@@ -431,7 +431,7 @@ def test_what_was_completed_is_asked_of_the_metric_s_own_actions(tmp_path: Path)
 
 def test_a_search_without_the_default_says_so(tmp_path: Path):
     folder = search(tmp_path / "rates", default=False)
-    assert not any(trial.default for trial, _ in ranking(read(folder)))
+    assert not any(one.trial.default for one in ranking(read(folder)))
     assert "None of them has the default settings." in write(folder).read_text()
 
 

@@ -235,3 +235,55 @@ def test_population_based_training_changes_settings_within_their_space(tmp_path:
     assert [entry.status for entry in entries] == ["finished"] * 3
     assert all(0.9 <= entry.settings["learner.gamma"] <= 0.99 for entry in entries)
     assert any(line.startswith("restore") for line in log(tmp_path))
+
+
+def test_finished_trials_go_on_where_they_ended_when_a_study_is_extended(tmp_path: Path) -> None:
+    study = {"variants": {"small": {"learner.batch_size": 8}}, "seeds": [1]}
+    path = written(tmp_path, "longer", study)
+    run(path)
+    (short,) = (tmp_path / "runs").iterdir()
+    assert [place.name for place in (short / "checkpoints").iterdir()] == ["step_000000600"]
+    written(tmp_path, "longer", {**study, "seeds": [1, 2]}, **{"budget.env_steps": 1000})
+    run(path, "--resume")
+    assert statuses(tmp_path, "longer") == {"small-1": "finished", "small-2": "finished"}
+    assert evaluated(tmp_path, "longer") == [[200, 400, 600, 800, 1000]] * 2
+    assert "restore 8/1 600" in log(tmp_path)
+    assert not any(line.startswith("restore 8/2") for line in log(tmp_path))
+    assert not (short / "checkpoints").exists()  # the longer one's are kept
+    assert sorted((tmp_path / "runs").glob("*/checkpoints/*/state.npz"))
+    other = written(tmp_path, "other", study, **{"budget.env_steps": 1400})
+    run(other)
+    assert "restore 8/1 1000" in log(tmp_path)  # of another study, too
+    assert evaluated(tmp_path, "other") == [[200, 400, 600, 800, 1000, 1200, 1400]]
+
+
+def test_a_search_is_scored_over_seeds_its_best_are_confirmed_and_trials_are_added(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    space = {"learner.gamma": {"uniform": [0.9, 0.99]}}
+    search = {"trials": 2, "scheduler": "none", "space": space, "confirm": {"best": 1, "seeds": [5, 6]}}
+    study = {"search": search, "seeds": [1, 2], "metric": "eval_stochastic/element_quality"}
+    path = written(tmp_path, "seeds", study, **{"learner.batch_size": 16})
+    output = run(path)
+    entries = StudyFolder(tmp_path / "studies" / "seeds").read()
+    own = [entry for entry in entries if entry.seed in (1, 2)]
+    assert len(own) == 4
+    assert len({entry.label for entry in own}) == 2
+    assert {entry.status for entry in entries} == {"finished"}
+    assert evaluated(tmp_path, "seeds") == [[200, 400, 600]] * len(entries)
+    completed = any(
+        json.loads(line)["eval_stochastic/completion_rate"] > 0
+        for entry in own
+        for line in (tmp_path / "studies" / "seeds" / entry.run / "evaluations.jsonl").read_text().splitlines()
+    )
+    if completed:
+        assert {entry.seed for entry in entries} == {1, 2, 5, 6}
+    else:
+        assert "nothing to confirm" in output
+    written(tmp_path, "seeds", {**study, "search": {**search, "trials": 3}}, **{"learner.batch_size": 16})
+    before = Counter(log(tmp_path))
+    run(path, "--resume")
+    after = StudyFolder(tmp_path / "studies" / "seeds").read()
+    assert len({entry.label for entry in after if entry.seed in (1, 2)}) == 3
+    assert {entry.run for entry in entries} <= {entry.run for entry in after}
+    began = Counter(log(tmp_path)) - before
+    assert began["begin 16/1"] == 1  # the two that were over are not drawn again

@@ -19,8 +19,10 @@ from freemesh_ray.cli.command import main
 from freemesh_ray.config import SCHEMA, SHORTHANDS, ConfigError
 from freemesh_ray.studies import plan
 from freemesh_ray.studies.definition import KEYS, SEARCH_KEYS, Search, Study, load, shipped
+from freemesh_ray.studies.label import file_name, short_label
+from freemesh_ray.studies.label import label as full_label
 from freemesh_ray.studies.runner import merged
-from freemesh_ray.studies.study_folder import StudyError, StudyFolder, TrialRecord
+from freemesh_ray.studies.study_folder import StudyError, TrialRecord
 
 STUDIES = {
     "algorithms": 12, "domains": 12, "networks": 12, "seeds": 5, "observation": 9, "radius": 9, "density": 18,
@@ -28,6 +30,7 @@ STUDIES = {
 }  # fmt: skip
 #: Those that are not of the paper.
 OURS = {"learner": 40, "methods": 80}
+SOURCE = {"envs": "a digest", "torch": "a version"}
 GOOD = """study:
   title: A test
   seeds: [1, 2]
@@ -55,7 +58,7 @@ def test_every_study_of_the_paper_ships():
 
 @pytest.mark.parametrize("name", OURS)
 def test_a_study_of_our_own_is_whole(name: str):
-    trials = plan.variant_plan(load(name), "a source").trials
+    trials = plan.variant_plan(load(name), SOURCE).trials
     assert len({str(trial.folder.path) for trial in trials.values()}) == len(trials) == OURS[name]
 
 
@@ -65,7 +68,7 @@ def test_a_shipped_study_is_whole(name: str):
     assert study.finding
     assert study.paper
     if study.search is None:
-        trials = plan.variant_plan(study, "a source").trials
+        trials = plan.variant_plan(study, SOURCE).trials
         assert len(trials) == STUDIES[name]
         assert len({str(trial.folder.path) for trial in trials.values()}) == STUDIES[name]
         assert {seed for _, seed in ((t.label, t.seed) for t in trials.values())} >= {356, 567, 999}
@@ -74,9 +77,7 @@ def test_a_shipped_study_is_whole(name: str):
 def test_the_default_training_is_the_same_run_in_every_study_of_the_paper():
     default = {"algorithms": "SAC", "domains": "T1", "networks": "S2", "seeds": "A", "observation": "O2",
                "radius": "R2", "density": "medium"}  # fmt: skip
-    runs = {
-        plan.variant_plan(load(name), "a source").trials[f"{label}-356"].folder.path for name, label in default.items()
-    }
+    runs = {plan.variant_plan(load(name), SOURCE).trials[f"{label}-356"].folder.path for name, label in default.items()}
     assert len(runs) == 1
 
 
@@ -87,7 +88,9 @@ def test_a_search_begins_with_the_study_s_own_settings():
         point = plan.default_point(study)
         assert set(point) == set(study.search.space)
         given_ = {**point, "something": "else"}
-        assert plan.SearchPlan(study, Path("runs")).trial(given_, "a1b2_00000").label == plan.DEFAULT
+        assert {each.label for each in plan.SearchPlan(study, Path("runs")).trainings(given_, "a1b2_00000")} == {
+            plan.DEFAULT
+        }
 
 
 def test_a_setting_that_is_a_list_can_be_searched(tmp_path: Path):
@@ -98,8 +101,11 @@ def test_a_setting_that_is_a_list_can_be_searched(tmp_path: Path):
     assert (
         plan.default_point(study)["learner.hidden"] in study.search.space["learner.hidden"].values
     )  # as Tune draws it
-    default, other = search.trial(plan.default_point(study), "a"), search.trial({"learner.hidden": (64, 64)}, "b")
-    assert (default.label, other.label) == (plan.DEFAULT, "b")
+    (default,), (other,) = (
+        search.trainings(plan.default_point(study), "a1"), search.trainings({"learner.hidden": (64, 64)}, "b2")
+    )  # fmt: skip
+    assert (default.label, other.label) == (plan.DEFAULT, "hidden 64x64 (b2)")
+    assert other.folder.path.name == "trial-hidden-64x64-b2-1"
     assert [trial.config["learner"]["hidden"] for trial in (default, other)] == [[128, 128, 128], [64, 64]]
 
 
@@ -107,7 +113,8 @@ def test_the_documents_have_every_key_with_its_default():
     rows = re.findall(r"^\| `(\w+)` \| .+? \| (.*) \|$", (ROOT / "docs" / "studies.md").read_text(), re.MULTILINE)
     written_down = {name: text.strip("`").replace(",", "") for name, text in rows}
     expected = {"title": "must be given", "space": "must be given", "trials": "must be given"}
-    expected |= {"variants": "this or `search", "search": "this or `variants"}
+    expected |= {"variants": "this `grid` or `search", "grid": "this `variants` or `search"}
+    expected |= {"search": "this `variants` or `grid", "confirm": "none"}
     for keys, kind in ((KEYS, Study), (SEARCH_KEYS, Search)):
         defaults = {field.name: field.default for field in fields(kind) if field.name in keys}
         assert set(defaults) == set(keys)
@@ -172,6 +179,16 @@ SEARCH = """study:
     space:
       learner.gamma: {uniform: [0.9, 0.99]}
 """
+GRID = GOOD.replace("variants:\n    one:\n    two: {learner.gamma: 0.9}", "grid: {learner.gamma: [0.9, 0.99]}")
+BAD_GRIDS = [
+    (GRID.replace("0.99]", "0.9]"), "4: study.grid.learner.gamma: has a value twice"),
+    (GRID.replace("0.99]", "2]"), "4: learner.gamma: must be a number in [0, 1], not 2"),
+    (GRID.replace("[0.9, 0.99]", "0.9"), "4: study.grid.learner.gamma: write a list of values"),
+    (GRID.replace("learner.gamma", "learner.gama"), "4: learner.gama: unknown key"),
+    (GRID.replace("learner.gamma: [0.9, 0.99]", "seed: [1, 2]"), "4: study.grid.seed: is not varied"),
+    (GRID.replace("[0.9, 0.99]", "[0.9, 0.90000001]"), "'gamma 0.9': two combinations have this label"),
+    (GRID.replace("  grid:", "  variants: {one: }\n  grid:"), "give variants (label: settings), a grid or a search"),
+]  # fmt: skip
 BAD_SEARCHES = [
     (SEARCH.replace("uniform", "normal"), "7: study.search.space.learner.gamma: write {uniform"),
     (SEARCH.replace("0.99]", "1.5]"), "7: learner.gamma: must be a number in [0, 1], not 1.5"),
@@ -181,12 +198,21 @@ BAD_SEARCHES = [
     (SEARCH.replace("learner.gamma: {uniform: [0.9, 0.99]}", "learner.batch_size: {uniform: [1, 9]}"), "with choice"),
     (SEARCH.replace("    trials: 4\n", ""), "needs trials"),
     (SEARCH.replace("\n      learner.gamma: {uniform: [0.9, 0.99]}", " {}"), "needs trials"),
-    (SEARCH.replace("seeds: [1]", "seeds: [1, 2]"), "3: study.seeds: a search has one seed"),
+    (
+        SEARCH.replace("seeds: [1]", "seeds: [1, 2]").replace("trials: 4", "trials: 4\n    scheduler: pbt"),
+        "3: study.seeds: a population has one seed",
+    ),
+    (SEARCH.replace("trials: 4", "trials: 4\n    confirm: {seeds: [1, 5]}"), "confirm.seeds: 1 is one of the search's"),
+    (SEARCH.replace("trials: 4", "trials: 4\n    confirm: {best: 3}"), "6: study.search.confirm.seeds is missing"),
+    (
+        SEARCH.replace("trials: 4", "trials: 4\n    scheduler: pbt\n    confirm: {seeds: [5]}"),
+        "7: study.search.confirm: a population's settings change",
+    ),
     (SEARCH.replace("trials: 4", "trials: 4\n    shape: round"), "6: study.search.shape: unknown key"),
 ]
 
 
-@pytest.mark.parametrize(("text", "message"), BAD + BAD_SEARCHES)
+@pytest.mark.parametrize(("text", "message"), BAD + BAD_GRIDS + BAD_SEARCHES)
 def test_what_is_wrong_is_one_line_with_its_place(
     text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ):
@@ -215,6 +241,26 @@ def test_an_unknown_study_is_named(capsys: pytest.CaptureFixture):
 def test_settings_of_one_training_are_no_study(capsys: pytest.CaptureFixture):
     assert main(["study", "train_smoke"]) == 2
     assert "unknown part of a study" in capsys.readouterr().err
+
+
+def test_a_grid_is_every_combination_by_a_readable_label(tmp_path: Path):
+    more = "grid: {learner.gamma: [0.9, 0.99], learner.hidden: [[64, 64], [128]], budget.minutes: [null, 2]}"
+    study = load(written(GRID.replace("grid: {learner.gamma: [0.9, 0.99]}", more), tmp_path))
+    assert len(study.variants) == 8
+    assert list(study.variants)[:3] == [
+        "gamma 0.9, hidden 64x64, minutes none", "gamma 0.9, hidden 64x64, minutes 2",
+        "gamma 0.9, hidden 128, minutes none",
+    ]  # fmt: skip
+    tree = study.trial_config("gamma 0.99, hidden 128, minutes 2", 1)
+    assert [tree["learner"]["gamma"], tree["learner"]["hidden"], tree["budget"]["minutes"]] == [0.99, [128], 2.0]
+    assert load(written(config.dump(study.tree()), tmp_path)).tree() == study.tree()
+
+
+def test_labels_are_short_and_tell_settings_apart():
+    drawn = {"learner.learning_rate": 8.1357e-4, "td3.batch_size": 64, "sac.batch_size": 8, "env.M_angle": 1.23456}
+    assert short_label(drawn) == "lr 0.000814, td3.batch_size 64, sac.batch_size 8, M_angle 1.23"
+    assert full_label({"env.reward": "rewards/mine:Reward", "a.on": True}) == "reward Reward, on on"
+    assert file_name("gamma 0.9, hidden 64x64 (b2)") == "gamma-0.9-hidden-64x64-b2"
 
 
 # ---- what comes of it ------------------------------------------------------------------------------------------------
@@ -257,24 +303,24 @@ def test_a_run_s_identity_is_all_that_decides_its_result(key: str):
     if section:
         value = OTHER[SCHEMA[key].kind]
         changed[section][name] = value if flat[key] != value else "yet another"
-    same = plan.identity(changed, "source") == plan.identity(tree, "source")
+    same = plan.identity(changed, SOURCE) == plan.identity(tree, SOURCE)
     others = ("td3.", "ddpg.", "crossq.", "ppo.")  # the tree is sac's
-    assert same == key.startswith(plan.OUTSIDE_IDENTITY + others)
+    assert same == (key.startswith(plan.OUTSIDE_IDENTITY + others) or key == plan.LENGTH)
 
 
 def test_another_source_is_another_run():
-    assert plan.identity(config.load(), "one") != plan.identity(config.load(), "two")
-    assert len(plan.identity(config.load(), "one")) == 12
+    assert plan.identity(config.load(), {"envs": "1"}) != plan.identity(config.load(), {"envs": "2"})
+    assert len(plan.identity(config.load(), SOURCE)) == 12
 
 
 def test_another_plug_in_is_another_run(tmp_path: Path):
     with modules(tmp_path) as write:
         module = write("def reward(step): return step.reward\n")
         tree = config.load([], [f"env.reward={module}:reward"])
-        before = plan.identity(tree, "one")
-        assert plan.identity(tree, "one") == before != plan.identity(config.load(), "one")
+        before = plan.identity(tree, SOURCE)
+        assert plan.identity(tree, SOURCE) == before != plan.identity(config.load(), SOURCE)
         (tmp_path / f"{module}.py").write_text("def reward(step): return 2 * step.reward\n")
-        assert plan.identity(tree, "one") != before
+        assert plan.identity(tree, SOURCE) != before
 
 
 def test_the_algorithm_of_a_user_s_has_its_settings_in_every_part_of_a_study(tmp_path: Path):
@@ -304,33 +350,17 @@ def test_a_variant_s_settings_win_over_the_study_s(tmp_path: Path):
     assert study.trial_config("one", 3)["seed"] == 3
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        (("seeds: [1, 2]", "seeds: [1, 2, 3]"), "study.seeds"),
-        (("    one:\n", "    one:\n    three:\n"), "study.variants"),
-        (("env_steps: 1000", "env_steps: 2000"), "settings.budget.env_steps"),
-    ],
-)
-def test_going_on_with_another_study_names_what_differs(change: tuple[str, str], named: str, tmp_path: Path):
-    folder = StudyFolder(tmp_path / "studies" / "mine")
-    study = load(written(GOOD, tmp_path))
-    folder.claim(study, resume=False)
-    folder.claim(study, resume=True)
-    assert folder.study().tree() == study.tree()
-    assert folder.study().name == "mine"
-    with pytest.raises(StudyError, match=rf"other settings \({named}\)"):
-        folder.claim(load(written(GOOD.replace(*change), tmp_path)), resume=True)
-    with pytest.raises(StudyError, match="add --resume"):
-        folder.claim(study, resume=False)
-
-
 def test_a_study_goes_on_with_its_trials_as_they_were_left():
-    def entries(*statuses: str, source: str = "a") -> list[TrialRecord]:
-        return [TrialRecord("one", i, f"../../runs/trial-{source}{i}", status) for i, status in enumerate(statuses)]
+    def entries(*statuses: str, source: str = "a", steps: int = 100) -> list[TrialRecord]:
+        return [
+            TrialRecord("one", i, f"../../runs/trial-{source}{i}-{steps}", status) for i, status in enumerate(statuses)
+        ]
 
     left = merged(entries("finished", "finished", "pending"), entries("running", "pending", "failed"))
     assert [entry.status for entry in left] == ["finished", "finished", "failed"]
     assert [entry.shared for entry in left] == [False, True, False]  # the first is its own, the second another's
-    with pytest.raises(StudyError, match="one-0: was begun from another commit"):
+    with pytest.raises(StudyError, match="one-0: was begun with other code"):
         merged(entries("pending", source="b"), entries("running"))
+    longer = merged(entries("pending", "finished", steps=200), entries("finished", "finished"))
+    assert [entry.status for entry in longer] == ["pending", "finished"]
+    assert {entry.run.rpartition("-")[2] for entry in longer} == {"200"}
