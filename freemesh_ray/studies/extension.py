@@ -72,11 +72,12 @@ def _of_trials(before: Study, now: Study) -> Iterator[str]:
         if label is not None and [*before.seeds_of(label)] != [*now.seeds_of(label)] and not now.seeds:
             yield f"study.variants.{label}.seed"
             continue
-        old, new = (flatten(_tree(study, label)) for study in (before, now))
+        trees = [_tree(study, label) for study in (before, now)]
+        (old, new), (less, more) = map(flatten, trees), (tree["budget"]["env_steps"] for tree in trees)
         for key in dict.fromkeys([*old, *new]):
             if key.startswith(("name", "paths.", "tracking.", "checkpoint.")) or old.get(key) == new.get(key):
                 continue
-            longer = key == LENGTH and old[key] < new[key]
+            longer = key == LENGTH and less < more
             if longer and before.search is None:
                 continue
             own = label is not None and key in {entry.key for entry in now.variants[label]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -257,33 +258,40 @@ def test_finished_trials_go_on_where_they_ended_when_a_study_is_extended(tmp_pat
     assert evaluated(tmp_path, "other") == [[200, 400, 600, 800, 1000, 1200, 1400]]
 
 
-def test_a_search_is_scored_over_seeds_its_best_are_confirmed_and_trials_are_added(tmp_path: Path) -> None:
+def test_a_search_is_scored_over_seeds_its_best_are_confirmed_and_trials_are_added(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("optuna")
     space = {"learner.gamma": {"uniform": [0.9, 0.99]}}
     search = {"trials": 2, "scheduler": "none", "space": space, "confirm": {"best": 1, "seeds": [5, 6]}}
     study = {"search": search, "seeds": [1, 2], "metric": "eval_stochastic/element_quality"}
     path = written(tmp_path, "seeds", study, **{"learner.batch_size": 16})
-    output = run(path)
-    entries = StudyFolder(tmp_path / "studies" / "seeds").read()
-    own = [entry for entry in entries if entry.seed in (1, 2)]
-    assert len(own) == 4
-    assert len({entry.label for entry in own}) == 2
-    assert {entry.status for entry in entries} == {"finished"}
-    assert evaluated(tmp_path, "seeds") == [[200, 400, 600]] * len(entries)
-    completed = any(
-        json.loads(line)["eval_stochastic/completion_rate"] > 0
-        for entry in own
-        for line in (tmp_path / "studies" / "seeds" / entry.run / "evaluations.jsonl").read_text().splitlines()
-    )
-    if completed:
-        assert {entry.seed for entry in entries} == {1, 2, 5, 6}
-    else:
-        assert "nothing to confirm" in output
+    folder = StudyFolder(tmp_path / "studies" / "seeds")
+
+    monkeypatch.setenv("FAKE_COMPLETION", "0")
+    assert "nothing to confirm: no draw completed a mesh" in run(path)
+    own = folder.read()
+    assert [entry.status for entry in own] == ["finished"] * 4
+    assert [entry.seed for entry in own] == [1, 2, 1, 2]
+    assert evaluated(tmp_path, "seeds") == [[200, 400, 600]] * 4
+    labels = {entry.label for entry in own}
+    (drawn,) = labels - {"default"}
+    assert re.fullmatch(r"gamma 0\.9\d* \(\w{4}\)", drawn)
+    assert sum("gamma-0.9" in entry.run for entry in own) == 2
+    gammas = {entry.label: entry.settings["learner.gamma"] for entry in own}
+
+    monkeypatch.setenv("FAKE_COMPLETION", "1")
     written(tmp_path, "seeds", {**study, "search": {**search, "trials": 3}}, **{"learner.batch_size": 16})
     before = Counter(log(tmp_path))
-    run(path, "--resume")
-    after = StudyFolder(tmp_path / "studies" / "seeds").read()
-    assert len({entry.label for entry in after if entry.seed in (1, 2)}) == 3
-    assert {entry.run for entry in entries} <= {entry.run for entry in after}
+    assert "again on 2 fresh seeds: 5, 6" in run(path, "--resume")
+    after = folder.read()
+    assert after[:4] == own  # they are not drawn again
     began = Counter(log(tmp_path)) - before
-    assert began["begin 16/1"] == 1  # the two that were over are not drawn again
+    assert [began[f"begin 16/{seed}"] for seed in (1, 2)] == [1, 1]
+    again = [entry for entry in after if entry.seed in (5, 6)]
+    assert {entry.status for entry in again} == {"finished"}
+    assert "default" in {entry.label for entry in again}
+    assert len(again) == 2 * len({entry.label for entry in again}) == sum(began[f"begin 16/{seed}"] for seed in (5, 6))
+    assert all(
+        entry.settings["learner.gamma"] == gammas.get(entry.label, entry.settings["learner.gamma"]) for entry in again
+    )
