@@ -32,7 +32,8 @@ class Ranked(NamedTuple):
 
     Attributes:
         trial: its training; of several seeds the first's.
-        finals: metric -> mean over the last tenth of training and over its seeds: the study's metric, then those of `COLUMNS`.
+        finals: metric -> mean over the last tenth of training and over its seeds: the study's metric, then those of
+            `COLUMNS`.
         others: its trainings with the other seeds.
     """
 

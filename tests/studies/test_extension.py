@@ -129,7 +129,7 @@ def test_additions_are_written_down_without_the_file(tmp_path: Path) -> None:
         ["seeds=4,5", "env_steps=2e3", "variants={three: {learner.gamma: 0.8}}", "expects=three > two", "seeds=4"],
     )
     assert now.seeds == [1, 2, 4, 5]
-    assert now.expects == [*before.expects, ("three", "two")]
+    assert now.expects == [*before.expects, ("three", ">", "two")]
     assert now.trial_config("three", 4)["budget"]["env_steps"] == 3000
     assert now.name == "mine"
     assert extended(begun(SEARCH, tmp_path / "other").study(), ["trials=3"]).trainings() == 7
