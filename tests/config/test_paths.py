@@ -94,7 +94,7 @@ def test_a_trial_is_the_same_wherever_it_lies(here: Path, monkeypatch: pytest.Mo
     assert there.settings_of_all()["paths"]["runs"] == "/elsewhere/runs"
     assert planned(there)[0].path == Path("/elsewhere/studies/two")
     assert study.tree() == there.tree()
-    ours, theirs = variant_plan(study, "source").trials, variant_plan(there, "source").trials
+    ours, theirs = variant_plan(study, {}).trials, variant_plan(there, {}).trials
     assert [trial.folder.path.name for trial in ours.values()] == [trial.folder.path.name for trial in theirs.values()]
     assert {trial.folder.path.parent for trial in theirs.values()} == {Path("/elsewhere/runs")}
 
