@@ -31,6 +31,8 @@ TINY, COUNT = 1e-9, 10**12
 
 #: What the density term of the reward can be, in the order that compiled code numbers them.
 DENSITIES = ("continuous", "printed", "local")
+#: Where the paper and the code that its authors released differ: the one or the other.
+SOURCES = ("printed", "released")
 
 
 class DomainError(UserError, ValueError):
@@ -172,7 +174,25 @@ class MeshingParameters:
         "local: ours, A against the area wanted there, by the boundary edges nearby",
         words=DENSITIES,
     )
+    area_range: Literal["printed", "released"] = _setting(
+        "printed",
+        "printed: A_min and A_max by the shortest and longest boundary edge; released: as in the authors' code, by the "
+        "second ones, at most L/sqrt(2) and 2 L, L the mean edge",
+        words=SOURCES,
+    )
     M_angle: float = _setting(np.pi / 3, "radians; front angles below it are penalised", TINY, np.pi)
+    boundary: Literal["printed", "released"] = _setting(
+        "printed",
+        "printed: eta_b as in the paper; released: as in the authors' code, with a factor for the new edges' length "
+        "against the edges around",
+        words=SOURCES,
+    )
+    invalid: Literal["printed", "released"] = _setting(
+        "printed",
+        "reward of an invalid action; printed: the paper's -0.1; released: the authors' code's, -1 over the elements "
+        "so far",
+        words=SOURCES,
+    )
     extended: bool = _setting(
         False, "ours: the observation tells the elements vertices lack to be regular, and the size wanted"
     )

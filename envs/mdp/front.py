@@ -17,6 +17,7 @@ Around the chain's start and end the front keeps the interior angle less the ele
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -317,10 +318,17 @@ def element_cap(domain: Domain, parameters: MeshingParameters) -> int:
 
 
 def area_bounds(domain: Domain, parameters: MeshingParameters) -> tuple[float, float]:
-    """A_min = v e_min^2 and A_max = v ((e_max - e_min)/kappa + e_min)^2 of the given boundary segments."""
+    """A_min = v e_min^2 and A_max = v ((e_max - e_min)/kappa + e_min)^2 of the given boundary segments.
+
+    With ``area_range`` released e_min and e_max are the second shortest and the second longest, at most L / sqrt 2 and
+    2 L, L the mean.
+    """
     ends = domain.points[domain.segments]
-    edges = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    e_min, e_max = float(edges.min()), float(edges.max())
+    edges = np.sort(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    e_min, e_max = float(edges[0]), float(edges[-1])
+    if parameters.area_range == "released":
+        mean = float(edges.mean())
+        e_min, e_max = min(float(edges[1]), mean / math.sqrt(2.0)), min(float(edges[-2]), 2.0 * mean)
     v = parameters.upsilon
     return v * e_min**2, v * ((e_max - e_min) / parameters.kappa + e_min) ** 2
 

@@ -3,6 +3,9 @@
 r = -0.1                    invalid action
     10                      the element that completes the mesh
     eta_e + eta_b + mu      otherwise; of ours, with a weight that is 0 by default, the term nu
+
+The code that the authors released has other forms of two of them, which settings choose: `eta_b_released` and
+`invalid_released`.
 """
 
 from __future__ import annotations
@@ -48,6 +51,53 @@ def eta_b(cut: Cut, M_angle: float) -> float:
         d_2 = math.hypot(x[0] - x[3], y[0] - y[3])
         q_dist = min(1.0, cut.d_min / (0.5 * (d_1 + d_2)))
     return math.sqrt(q_angle * q_dist) - 1.0
+
+
+@inlined
+def eta_b_released(front: Front, cut: Cut, M_angle: float) -> float:
+    """eta_b as the authors' code has it: the factors' geometric mean, with one for the new edges' length, less 1.
+
+    Args:
+        front: before the element is cut.
+        cut: the element.
+        M_angle: rad.
+    """
+    quality = eta_b(cut, M_angle) + 1.0
+    factors = 2.0 if cut.k == 3 else 3.0
+    return math.pow(quality * quality * size_factor(front, cut), 1.0 / factors) - 1.0
+
+
+@inlined
+def size_factor(front: Front, cut: Cut) -> float:
+    """How near the new edges' length is to that of the front's edges around, in (0, 1]: the less over the greater.
+
+    Around are, as the authors have it, the new edges themselves and next to them one edge on each side; two for type 0,
+    which has one new edge.
+    """
+    x, y, k = cut.x, cut.y, cut.k
+    first = last = cut.start
+    for _ in range(k):
+        last = front.nxt[last]
+    sides = 2 if k == 3 else 1
+    total = 0.0
+    for _ in range(sides):
+        before, after = front.prv[first], front.nxt[last]
+        total += math.hypot(front.xy[before, 0] - front.xy[first, 0], front.xy[before, 1] - front.xy[first, 1])
+        total += math.hypot(front.xy[after, 0] - front.xy[last, 0], front.xy[after, 1] - front.xy[last, 1])
+        first, last = before, after
+    edges = 4 - k
+    new = 0.0
+    for i in range(k, 4):
+        j = (i + 1) & 3
+        new += math.hypot(x[j] - x[i], y[j] - y[i])
+    around, own = (total + new) / (2 * sides + edges), new / edges
+    return min(around, own) / max(around, own)
+
+
+@inlined
+def invalid_released(elements: int) -> float:
+    """Reward of an invalid action in the authors' code, after so many elements."""
+    return -1.0 / max(1, elements)
 
 
 @inlined

@@ -25,12 +25,25 @@ from envs.mdp.front import (
     row,
 )
 from envs.mdp.observation import observation_size, observe
-from envs.mdp.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu, mu_local, nu
+from envs.mdp.reward import (
+    INVALID_REWARD,
+    LAST_REWARD,
+    element_area,
+    eta_b,
+    eta_b_released,
+    eta_e,
+    invalid_released,
+    mu,
+    mu_local,
+    nu,
+)
 from envs.quality import eta_from_angles, inner_angles
-from envs.types import DENSITIES, Floats, Ints, MeshingParameters
+from envs.types import DENSITIES, SOURCES, Floats, Ints, MeshingParameters
 
 #: Indices into DENSITIES.
 CONTINUOUS, _, LOCAL = range(3)
+#: Into SOURCES.
+RELEASED = 1
 
 
 class Numbers(NamedTuple):
@@ -42,6 +55,8 @@ class Numbers(NamedTuple):
     n_rv: int
     alpha: float
     M_angle: float
+    boundary: int
+    invalid: int
     density: int
     upsilon: float
     extended: bool
@@ -74,7 +89,8 @@ class Outcome(NamedTuple):
 def numbers(parameters: MeshingParameters) -> Numbers:
     """The compiled view of the parameters."""
     values = {name: getattr(parameters, name) for name in Numbers._fields}
-    return Numbers(**values | {"density": DENSITIES.index(parameters.density)})
+    words = {"boundary": SOURCES, "invalid": SOURCES, "density": DENSITIES}
+    return Numbers(**values | {name: known.index(values[name]) for name, known in words.items()})
 
 
 def outcome(batch: int, parameters: MeshingParameters) -> Outcome:
@@ -117,7 +133,11 @@ def terms(front: Front, cut: Cut, numbers: Numbers) -> tuple[float, float, float
     else:
         density = mu(area, front.measure[A_MIN], front.measure[A_MAX], numbers.density == CONTINUOUS)
     irregularity = numbers.irregular * nu(front, cut) if numbers.irregular > 0.0 else 0.0
-    return eta_e(cut), eta_b(cut, numbers.M_angle), density, irregularity
+    if numbers.boundary == RELEASED:
+        boundary = eta_b_released(front, cut, numbers.M_angle)
+    else:
+        boundary = eta_b(cut, numbers.M_angle)
+    return eta_e(cut), boundary, density, irregularity
 
 
 @inlined
@@ -146,7 +166,8 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
     front.counts[STEPS] += 1
     if cut.rejection != ACCEPTED:
         front.counts[INVALID] += 1
-        out.reward[i] = INVALID_REWARD
+        released = numbers.invalid == RELEASED
+        out.reward[i] = invalid_released(front.counts[ELEMENTS]) if released else INVALID_REWARD
         out.truncated[i] = front.counts[INVALID] >= numbers.max_invalid
     else:
         front.counts[INVALID] = 0

@@ -9,9 +9,21 @@ from hypothesis import strategies as st
 from play import turns
 
 from envs.domains.load import from_rings, load
-from envs.mdp.action import ACCEPTED, Cut
+from envs.mdp.action import ACCEPTED, Cut, decode
 from envs.mdp.episodes import Episodes
-from envs.mdp.front import A_MAX, A_MIN, AREA, ELEMENTS, ETA_SUM, area_bounds
+from envs.mdp.front import (
+    A_MAX,
+    A_MIN,
+    AREA,
+    ELEMENTS,
+    ETA_SUM,
+    POINTS,
+    RING,
+    Front,
+    area_bounds,
+    reference_slot,
+    ring_slots,
+)
 from envs.mdp.reward import INVALID_REWARD, LAST_REWARD, element_area, eta_b, eta_e, mu
 from envs.quality import element_quality
 from envs.types import MeshingParameters
@@ -134,6 +146,51 @@ def assert_terms(before: np.ndarray, episodes: Episodes, i: int, density: str) -
     cut_area = before[AREA] - front.measure[AREA]
     expected = mu(cut_area, before[A_MIN], before[A_MAX], density == "continuous")
     assert terms[2] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_released_bounds_of_the_area_pass_over_one_edge_at_each_end_and_are_near_the_mean() -> None:
+    ring = [[0, 0], [1, 0], [3, 0], [6, 0], [6, 1], [6, 4], [3, 4], [0, 4], [0, 3.5], [0, 2]]
+    parameters = MeshingParameters(area_range="released", upsilon=0.5)
+    edges = np.sort([1, 2, 3, 1, 3, 3, 3, 0.5, 1.5, 2])
+    e_min, e_max = min(edges[1], edges.mean() / np.sqrt(2.0)), min(edges[-2], 2.0 * edges.mean())
+    expected = 0.5 * e_min**2, 0.5 * ((e_max + 3.0 * e_min) / 4.0) ** 2
+    assert area_bounds(from_rings(np.array(ring, dtype=np.float64)), parameters) == pytest.approx(expected)
+    even = from_rings(np.array([[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]], dtype=np.float64))
+    assert area_bounds(even, MeshingParameters(area_range="released"))[0] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("name", ["T1", "T3"])
+def test_the_released_rewards_are_those_of_the_authors_code(name: str) -> None:
+    """eta_b = (s q_angle q_dist)^(1/3) - 1, of type 0 (s q_angle)^(1/2) - 1; s is of lengths on the front left."""
+    seen = set()
+    for turn in turns(load(name), 2, boundary="released", invalid="released"):
+        out, before = turn.episodes.out, turn.before
+        for i, action in enumerate(turn.actions):
+            front = turn.episodes.front(i)
+            if out.rejection[i] != ACCEPTED:
+                assert out.reward[i] == pytest.approx(-1.0 / max(1, front.counts[ELEMENTS]))
+            elif not out.terminated[i] and front.counts[RING] > 6:
+                new = int(front.counts[POINTS] - before.counts[POINTS])
+                printed = eta_b(decode(before, reference_slot(before), action, 2, 2.0, False), SIXTY)
+                product = (printed + 1.0) ** 2 * smoothness(front, new)
+                assert out.terms[i, 1] == pytest.approx(product ** (1.0 / (2 + new)) - 1.0, abs=1e-9)
+                seen.add(new)
+    assert seen == {0, 1}
+
+
+def smoothness(front: Front, new: int) -> float:
+    """s: the new edges' length against the mean of the four, or five, edges around; the less over the greater."""
+    ids = front.vid[ring_slots(front)].tolist()
+    quad = set(front.quads[front.counts[ELEMENTS] - 1].tolist())
+    at = (
+        ids.index(front.counts[POINTS] - 1)
+        if new
+        else next(j for j in range(len(ids)) if {ids[j], ids[(j + 1) % len(ids)]} <= quad)
+    )
+    around = [ids[(at + j) % len(ids)] for j in range(-2, 3 if new else 4)]
+    lengths = np.linalg.norm(np.diff(front.points[around], axis=0), axis=1)
+    own = lengths[1:3].mean() if new else lengths[2]
+    return float(min(own, lengths.mean()) / max(own, lengths.mean()))
 
 
 def test_the_two_constants() -> None:
