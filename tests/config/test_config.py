@@ -162,7 +162,7 @@ def test_shipped_overlays_load_by_name_and_by_path(name: str):
 def test_overlays_say_what_they_are_for():
     usual, ours = flatten(load()), flatten(load(["train_default"]))
     assert {key for key in usual if ours[key] != usual[key]} == {
-        "name", "learner.precision", "sac.policy_delay", "budget.env_steps"
+        "name", "env.upsilon", "learner.gamma", "learner.precision", "sac.policy_delay", "budget.env_steps"
     }  # fmt: skip
     paper = load(["train_paper"])
     assert paper["budget"] == {"env_steps": 1_200_000, "minutes": None}
