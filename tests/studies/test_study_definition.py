@@ -29,7 +29,7 @@ STUDIES = {
     "search": 1, "population": 1,
 }  # fmt: skip
 #: Those that are not of the paper.
-OURS = {"learner": 40, "mdp": 30, "methods": 80}
+OURS = {"learner": 40, "mdp": 30, "methods": 50, "updates": 40}
 SOURCE = {"envs": "a digest", "torch": "a version"}
 GOOD = """study:
   title: A test
