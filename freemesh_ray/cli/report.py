@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from envs.errors import FAILED
 from freemesh_ray.cli.arguments import add_command, whole
 from freemesh_ray.config.paths import Paths, shown
 from freemesh_ray.formatting.terminal import note, paths, say
@@ -15,6 +16,7 @@ EPILOG = """\
 examples:
   freemesh report algorithms
   freemesh report algorithms --docs docs/studies      and its main parts as docs/studies/algorithms.md
+  freemesh report --site docs/site                    all studies as a static site, with an index
 
 Works while the study is under way, and says so.
 """
@@ -29,7 +31,9 @@ def add(commands: Any) -> None:
         "Turn a study's trainings into the paper's figure and table: curves, intervals, comparisons.",
         EPILOG,
     )
-    report.add_argument("study", metavar="NAME", help="of a study that `freemesh study` began")
+    which = report.add_mutually_exclusive_group(required=True)
+    which.add_argument("study", nargs="?", metavar="NAME", help="of a study that `freemesh study` began")
+    which.add_argument("--site", metavar="FOLDER", help="of all studies: their reports as pages, and an index")
     report.add_argument("--studies", default="studies", metavar="FOLDER", help="where the studies lie (studies)")
     report.add_argument("--out", metavar="FOLDER", help="where the report is written (STUDIES/NAME/report)")
     report.add_argument("--docs", metavar="FOLDER", help="write the main parts as NAME.md with pictures, too")
@@ -45,9 +49,32 @@ def run(options: argparse.Namespace) -> int:
     """
     from freemesh_ray.report.report import write
 
+    if options.site:
+        return run_site(options)
     out, docs = (Path(folder) if folder else None for folder in (options.out, options.docs))
     folder = Paths.from_environment().home / options.studies / options.study
     path = write(folder, out=out, docs=docs, episodes=options.episodes, note=note)
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
         say(paths([shown(file)]))
     return 0
+
+
+def run_site(options: argparse.Namespace) -> int:
+    """Write the site, print its pages, and on stderr what could not be read; 1 where there is such a study.
+
+    Raises:
+        StudyError, OutputError: there is no study, or the site cannot be written; or options do not go together.
+    """
+    from freemesh_ray.report.site import write
+    from freemesh_ray.studies.study_folder import StudyError
+
+    if options.out or options.docs:
+        raise StudyError(f"{'--out' if options.out else '--docs'}: goes with a NAME, not with --site")
+    site = write(
+        Paths.from_environment().home / options.studies, Path(options.site), episodes=options.episodes, note=note
+    )
+    for path in [site.index, *site.pages.values()]:
+        say(paths([shown(path)]))
+    if site.unreadable:
+        note(f"not readable, and listed in {shown(site.index)}: {paths(site.unreadable)}")
+    return FAILED if site.unreadable else 0

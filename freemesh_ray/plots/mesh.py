@@ -80,7 +80,7 @@ def draw_panel(mesh: PlaneMesh, axes: Axes, title: str, width: float = WIDTH) ->
             )
         )  # fmt: skip
     if not mesh.complete:
-        axes.add_collection(LineCollection(list(mesh.vertices[_front(mesh)]), colors=FRONT, linewidths=1.2, zorder=3))
+        axes.add_collection(LineCollection(list(mesh.vertices[front(mesh)]), colors=FRONT, linewidths=1.2, zorder=3))
     bold = BOLD * np.sqrt(width / WIDTH)
     axes.add_collection(
         LineCollection(list(mesh.vertices[mesh.segments]), colors=INK, linewidths=bold, capstyle="round", zorder=4)
@@ -150,7 +150,7 @@ def _counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
 
 
-def _front(mesh: PlaneMesh) -> np.ndarray:
+def front(mesh: PlaneMesh) -> np.ndarray:
     """(e, 2) int64: edges that still wait for an element, the given boundary's apart."""
     edges, counts = mesh.edges
     given = {tuple(edge) for edge in np.sort(mesh.segments, axis=1).tolist()}

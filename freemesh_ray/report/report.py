@@ -1,6 +1,7 @@
 """The report of a study: read its results, compute, draw, write.
 
 studies/NAME/report/report.md          to be read
+                    report.html        the same as one page that needs nothing but itself
                     *.png, *.svg       its pictures
                     *.csv              their numbers
 """
@@ -11,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from freemesh_ray.policies.evaluation import DETERMINISTIC
-from freemesh_ray.report import EPISODES, csv_files, pictures, search, sections
+from freemesh_ray.report import EPISODES, csv_files, html_page, meshes, pictures, search, sections
 from freemesh_ray.report.against_paper import paper_table
 from freemesh_ray.report.comparisons import all_pairs, pairs_to_show
 from freemesh_ray.report.expectations import expectations
@@ -56,11 +57,12 @@ def write(
     out = out or folder / "report"
     report = report_search if results.study.search else report_variants
     writer, drawn = report(results, out, episodes, note)
-    main, rest = writer(lambda name, what: f"![{what}]({name}.png)")
+    main, rest = writer(_pictures_at(""))
     path = out / "report.md"
-    _write(path, [*main, *rest])
+    text = _write(path, [*main, *rest])
+    html_page.write(path.with_suffix(".html"), text, out)
     if docs is not None:
-        main, _ = writer(lambda name, what: f"![{what}]({results.study.name}-{name}.png)")
+        main, _ = writer(_pictures_at(f"{results.study.name}-"))
         _write(docs / f"{results.study.name}.md", main)
         for picture in drawn:
             with replacing(docs / f"{results.study.name}-{picture.name}") as draft:
@@ -68,9 +70,16 @@ def write(
     return path
 
 
-def _write(path: Path, parts: Sequence[str]) -> None:
+def _pictures_at(prefix: str) -> Picture:
+    """Places of pictures whose names begin with ``prefix``: PNG, where a name does not say otherwise."""
+    return lambda name, what: f"![{what}]({prefix}{name if name.endswith('.svg') else f'{name}.png'})"
+
+
+def _write(path: Path, parts: Sequence[str]) -> str:
+    text = "\n\n".join(part for part in parts if part) + "\n"
     with replacing(path) as draft:
-        draft.write_text("\n\n".join(part for part in parts if part) + "\n", encoding="utf-8")
+        draft.write_text(text, encoding="utf-8")
+    return text
 
 
 def report_variants(
@@ -92,6 +101,8 @@ def report_variants(
         drawn.append(profiles(out, results, evaluated))
     if shown := pairs_to_show(pairs):
         drawn.append(pictures.improvement(out, shown, by))
+    cut = meshes.draw(out, variants, evaluated, study.domains)
+    drawn += [out / file for files in cut.values() for file in files]
 
     def text(picture: Picture) -> tuple[list[str], list[str]]:
         main = [
@@ -100,6 +111,7 @@ def report_variants(
             sections.curves(variants, picture),
             f"## The paper's table\n\n{papers}" if papers else "",
             sections.domains(variants, evaluated, episodes, picture) if study.domains else "",
+            meshes.section(cut, by, picture),
             sections.pairs(shown, len(pairs), by, picture) if shown else "",
             sections.what_was_run(results, evaluated.policies),
         ]
