@@ -22,7 +22,7 @@ GENERATOR = "freemesh report"
 MEDIA = {".svg": "image/svg+xml", ".png": "image/png"}
 #: Tokens that are text, as it is.
 TEXT = ("text", "text_special", "code_inline")
-_MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
+_MARKDOWN = MarkdownIt("commonmark", {"html": False, "xhtmlOut": False}).enable("table")
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 _PLACE = re.compile(r"\{\{(\w+)\}\}")
 

@@ -101,9 +101,10 @@ def text_of_index(rows: Sequence[Sequence[str]], unreadable: Mapping[str, str]) 
     """The first page, in Markdown."""
     parts = ["# Studies"]
     if rows:
+        parts.append(f"{count(len(rows), 'report')}; newest results of {max(line[-1] for line in rows)}.")
         parts.append(markdown(["study", "what was studied", "verdicts", "seeds", "env steps", "results of"], rows))
     if unreadable:
-        told = [f"- {escaped(name)}: {escaped(why)}" for name, why in unreadable.items()]
+        told = [f"- {escaped(why if why.startswith(name) else f'{name}: {why}')}" for name, why in unreadable.items()]
         parts += ["## Not readable", "\n".join(told)]
     return "\n\n".join(parts) + "\n"
 
@@ -118,7 +119,7 @@ def row(results: Results, folder: Path, address: str) -> list[str]:
         studied(results),
         verdicts(results, folder),
         str(seeds),
-        span(min(steps), max(steps), ",.0f"),
+        span(min(steps) // 1000, max(steps) // 1000, ",d") + "k",
         date(results, folder),
     ]
 
