@@ -77,7 +77,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = folder / "study.yaml"
     tree = yaml.safe_load(path.read_text())
     tree["study"] |= {"title": HOSTILE, "finding": HOSTILE}
-    path.write_text(yaml.safe_dump(tree))
+    path.write_text(yaml.safe_dump(tree, sort_keys=False))
     return write(folder, episodes=2).parent
 
 
@@ -140,6 +140,11 @@ def test_any_text_is_text_in_a_heading_a_cell_a_line_and_a_description(tmp_path:
         assert HOSTILE in page.said[tag] or HOSTILE in "".join(page.said[tag])
     assert any(HOSTILE in told for told in page.said["a"])
     assert len(page.of("script")) == 1
+
+
+def test_html_in_markdown_stays_text(tmp_path: Path):
+    page = Page(html_page.page("# a\n\n<script>b</script>\n\nc <b>d</b>\n", tmp_path))
+    assert page.said["p"][:2] == ["<script>b</script>", "c <b>d</b>"]
 
 
 def test_it_can_be_read_without_eyes(page: Page):
