@@ -43,7 +43,8 @@ class BatchRenorm(nn.Module):
         self.register_buffer("batches", torch.zeros(1))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(.., rows, features) -> the same; in training it counts as a batch."""
+        """(.., rows, features) -> the same, in float32 whatever it is of; in training it counts as a batch."""
+        x = x.to(self.mean.dtype)
         if not self.training:
             return (x - self.mean) * (self.gain / (self.variance + EPSILON).sqrt()) + self.shift
         keep = len(self.mean.shape) > 1

@@ -137,6 +137,7 @@ def test_the_export_explores_as_the_training_does_in_the_middle(name: str) -> No
     ("name", "settings"),
     [
         *((name, ()) for name in NAMES if name not in ON_POLICY),
+        *((name, ("learner.precision=bfloat16",)) for name in NAMES if name not in ON_POLICY),
         ("sac", ("learner.n_step=3", "learner.precision=bfloat16", "sac.policy_delay=2")),
         ("td3", ("learner.normalise_observations=true", "learner.n_step=2", "learner.layer_norm=true")),
     ],
