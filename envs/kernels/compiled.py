@@ -37,6 +37,7 @@ BASE = Path(__file__).resolve().parent.parent
 _OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 _LEAN = {"_nrt": False}
 _FUSED = {"fastmath": {"contract"}}
+_REORDERED = {"fastmath": {"contract", "reassoc"}}
 _KERNELS: list[Kernel] = []
 
 
@@ -135,6 +136,11 @@ def compiled(function: F) -> F:
 def compiled_fused(function: F) -> F:
     """Compile like :func:`compiled`, with x * y + z rounded once: for sums that nothing compares bit for bit."""
     return _registered(_for_python, function, **_LEAN, **_FUSED)
+
+
+def compiled_sums(function: F) -> F:
+    """Compile like :func:`compiled_fused`, and add up in the order that is fastest, the same at every call."""
+    return _registered(_for_python, function, **_LEAN, **_REORDERED)
 
 
 def inner(function: F) -> F:

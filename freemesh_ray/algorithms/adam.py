@@ -12,7 +12,7 @@ class LeanAdam(torch.optim.Adam):
     """torch's fused Adam for one parameter group; the same numbers, the same state dict.
 
     The first step after construction or loading is torch's own, which makes or checks the state; the later ones call
-    the fused kernel with the tensors remembered from it.
+    the fused kernel with the tensors remembered from it. ``descend`` leaves out torch's hooks and records, too.
     """
 
     def __init__(
@@ -29,11 +29,14 @@ class LeanAdam(torch.optim.Adam):
         self._tensors = None
 
     @torch.no_grad()
-    def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
-        """Descend along the parameters' gradients."""
+    def descend(self, gradients: Sequence[torch.Tensor]) -> None:
+        """Make a step along gradients, one for each parameter."""
         group = self.param_groups[0]
         if self._tensors is None:
-            super().step(closure)
+            for parameter, gradient in zip(group["params"], gradients, strict=True):
+                parameter.grad = gradient
+            super().step()
+            self.zero_grad()
             states = [self.state[parameter] for parameter in group["params"]]
             for state in states:
                 state["step"] = states[0]["step"]  # one counter for all
@@ -43,7 +46,7 @@ class LeanAdam(torch.optim.Adam):
         steps[0].add_(1.0)
         torch._fused_adam_(
             group["params"],
-            [parameter.grad for parameter in group["params"]],
+            gradients,
             averages,
             squares,
             [],
@@ -56,3 +59,7 @@ class LeanAdam(torch.optim.Adam):
             amsgrad=False,
             maximize=False,
         )
+
+    def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
+        """Make a step along the parameters' ``grad``."""
+        self.descend([parameter.grad for parameter in self.param_groups[0]["params"]])

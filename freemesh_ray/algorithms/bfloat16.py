@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import torch
 
-from freemesh_ray.algorithms.networks import Mlp, above_zero
+from freemesh_ray.algorithms import bfloat16_layers, compiled_bfloat16_layers
+from freemesh_ray.algorithms.networks import Mlp, on_cpu
 from freemesh_ray.algorithms.onednn import available as onednn_available
 from freemesh_ray.algorithms.onednn import layer as onednn_layer
 
@@ -22,12 +23,6 @@ def _relu(x: torch.Tensor) -> torch.Tensor:
     """ReLU in place, in a third of the time: a bfloat16 number is below 0 where its 16 bits are, as an integer."""
     x.view(torch.int16).clamp_min_(0)
     return x
-
-
-def _above_zero(gradient: torch.Tensor, output: torch.Tensor) -> torch.Tensor:
-    """`above_zero` of bfloat16 numbers, by their bits, in half the time."""
-    above_zero(gradient.view(torch.int16), output.view(torch.int16))
-    return gradient
 
 
 def wanted(precision: str, device: torch.device) -> bool:
@@ -49,7 +44,10 @@ class Bfloat16Mlp:
         hidden = len(network.weights) - 1
         self._weights, self._biases = self._rounded[:hidden], self._rounded[hidden:]
         self._stacked = bool(network.lead)
-        self._fused = not self._stacked and network.weights[0].device.type == "cpu" and onednn_available()
+        self._last = network.weights[-1].detach(), network.biases[-1].detach()
+        here = on_cpu(network.weights[0])
+        self._layers = compiled_bfloat16_layers if here else bfloat16_layers
+        self._fused = here and not self._stacked and onednn_available()
 
     def refresh(self) -> None:
         """Read the weights, after they have changed."""
@@ -62,13 +60,12 @@ class Bfloat16Mlp:
 
     @torch.no_grad()
     def trace(self, x: torch.Tensor) -> list[torch.Tensor]:
-        """The input and every hidden layer's output in bfloat16, the last of them again and the output in float32."""
+        """The input and every hidden layer's output in bfloat16, and the output in float32."""
         network = self._network
         values = [x.to(torch.bfloat16).expand(*network.lead, *x.shape)]
         for weight, bias in zip(self._weights, self._biases, strict=True):
             values.append(self._layer(bias, values[-1], weight))
-        last = values[-1].to(network.weights[-1].dtype)
-        return [*values, last, network.last(last)]
+        return [*values, self._layers.last(values[-1], *self._last)]
 
     def _layer(self, bias: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
         return onednn_layer(bias, x, weight) if self._fused else _relu(self._network.layer(bias, x, weight))
@@ -81,24 +78,26 @@ class Bfloat16Mlp:
             trace: of the forward pass.
             gradient: of the network's output.
         """
-        network, full = self._network, gradient.dtype
-        weights = [network.last_weight_gradient(trace[-2], gradient)]
-        biases = [gradient.sum(dim=-2, keepdim=self._stacked)]
-        passed = network.before_last(gradient).to(torch.bfloat16)
-        for i in range(len(self._weights) - 1, -1, -1):
-            gradient = _above_zero(passed, trace[i + 1])
-            weights.append(network.product(trace[i].mT, gradient).to(full))
-            biases.append(gradient.sum(dim=-2, keepdim=self._stacked, dtype=full))
+        product, end = self._network.product, len(self._weights)
+        last_weight, last_bias = self._layers.last_gradients(trace[end], gradient)
+        weights, biases = [last_weight], [last_bias]
+        passed, sums = self._layers.before_last(trace[end], gradient, self._last[0])
+        for i in range(end - 1, -1, -1):
+            biases.append(sums)
+            weights.append(product(trace[i].mT, passed).to(gradient.dtype))
             if i:
-                passed = network.product(gradient, self._weights[i].mT)
-        return weights[::-1] + biases[::-1]
+                passed = product(passed, self._weights[i].mT)
+                sums = self._layers.masked(passed, trace[i])
+        shaped = biases if self._stacked else [bias.squeeze(0) for bias in biases]
+        return weights[::-1] + shaped[::-1]
 
     @torch.no_grad()
     def backward_to_input(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
         """Gradient of the input, (batch, inputs) float32; of a stack the sum over its networks."""
-        network, full = self._network, gradient.dtype
-        gradient = network.before_last(gradient).to(torch.bfloat16)
-        for i in range(len(self._weights) - 1, -1, -1):
-            gradient = network.product(_above_zero(gradient, trace[i + 1]), self._weights[i].mT)
-        gradient = gradient.to(full)
-        return gradient.sum(dim=0) if self._stacked else gradient
+        product, end = self._network.product, len(self._weights)
+        passed, _ = self._layers.before_last(trace[end], gradient, self._last[0])
+        for i in range(end - 1, 0, -1):
+            passed = product(passed, self._weights[i].mT)
+            self._layers.masked(passed, trace[i])
+        found = product(passed, self._weights[0].mT).to(gradient.dtype)
+        return found.sum(dim=0) if self._stacked else found

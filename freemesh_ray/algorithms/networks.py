@@ -26,6 +26,11 @@ def _uniform(shape: Sequence[int], inputs: int) -> nn.Parameter:
     return nn.Parameter(torch.empty(*shape).uniform_(-bound, bound))
 
 
+def on_cpu(tensor: torch.Tensor) -> bool:
+    """Whether it is of float32 numbers in the processor's memory, which compiled kernels can read."""
+    return tensor.device.type == "cpu" and tensor.dtype == torch.float32
+
+
 def above_zero(gradient: torch.Tensor, output: torch.Tensor) -> torch.Tensor:
     """The gradient of a hidden layer's output, in place 0 where that is not above 0."""
     return torch.ops.aten.threshold_backward.grad_input(gradient, output, 0, grad_input=gradient)

@@ -26,7 +26,7 @@ from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
 from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp, wanted
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
-from freemesh_ray.algorithms.networks import Mlp
+from freemesh_ray.algorithms.networks import Mlp, on_cpu
 from freemesh_ray.algorithms.onednn import OneDnnMlp
 from freemesh_ray.algorithms.onednn import available as onednn_available
 
@@ -53,11 +53,6 @@ class Minibatch(NamedTuple):
     next_obs: torch.Tensor
     discounts: torch.Tensor
     noise: torch.Tensor
-
-
-def on_cpu(tensor: torch.Tensor) -> bool:
-    """Whether it is of float32 numbers in the processor's memory, which compiled kernels can read."""
-    return tensor.device.type == "cpu" and tensor.dtype == torch.float32
 
 
 class OffPolicyLearner(ConfiguredLearner):
@@ -113,8 +108,7 @@ class OffPolicyLearner(ConfiguredLearner):
         rounded = torch.autocast(self._device.type, torch.bfloat16, self._rounds, cache_enabled=False)
         with torch.enable_grad(), rounded:
             for name, loss in self.losses(module, config, minibatch):
-                parameters = optimised[name][0]
-                self._descend(module_id, name, parameters, torch.autograd.grad(loss, parameters))
+                self._descend(module_id, name, torch.autograd.grad(loss, optimised[name][0]))
                 figures[f"{name}_loss"] = loss.detach
         if "actor_loss" in figures or not self.TARGETS_WAIT:
             self._follow(module_id, config)
@@ -124,9 +118,16 @@ class OffPolicyLearner(ConfiguredLearner):
         """Let the targets follow their networks."""
         module = self._module[module_id]
         for name in module.TARGETED:
-            network, target = getattr(module, name), getattr(module, f"target_{name}")
-            torch._foreach_lerp_(list(target.parameters()), list(network.parameters()), config.tau)
+            torch._foreach_lerp_(*self._following(module_id, name), config.tau)
             self._networks(module_id)[f"target_{name}"].refresh()
+
+    def _following(self, module_id: str, name: str) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
+        """The parameters of a network's target and its own; they stay the same tensors."""
+        if (module_id, name) not in self._followed:
+            networks = (getattr(self._module[module_id], which) for which in (f"target_{name}", name))
+            target, own = (list(network.parameters()) for network in networks)
+            self._followed[module_id, name] = target, own
+        return self._followed[module_id, name]
 
     def _networks(self, module_id: str) -> dict[str, Evaluated]:
         """The module's networks by name, as a written-out step evaluates them."""
@@ -154,6 +155,7 @@ class OffPolicyLearner(ConfiguredLearner):
     def build(self) -> None:
         """Build module, optimizers and the source of the steps' noise."""
         self._evaluated: dict[str, dict[str, Evaluated]] = {}
+        self._followed: dict[tuple[str, str], tuple[list[torch.Tensor], list[torch.Tensor]]] = {}
         super().build()
         #: Whether products are of bfloat16 numbers.
         self._rounds = wanted(self.config.precision, self._device)
@@ -231,11 +233,9 @@ class OffPolicyLearner(ConfiguredLearner):
         whole = (torch.randn((draws, rows * learners, width), generator=self._noise) for _ in range(count))
         return torch.stack([noise[:, first : first + rows] for noise in whole]).to(self._device)
 
-    def _descend(self, module_id: str, name: str, parameters: list[Any], gradients: Sequence[torch.Tensor]) -> None:
+    def _descend(self, module_id: str, name: str, gradients: Sequence[torch.Tensor]) -> None:
         if self.distributed:
             gradients = averaged(gradients)
-        for parameter, gradient in zip(parameters, gradients, strict=True):
-            parameter.grad = gradient
-        self._named_optimizers[f"{module_id}_{name}"].step()
+        self._named_optimizers[f"{module_id}_{name}"].descend(gradients)
         if name in (networks := self._networks(module_id)):
             networks[name].refresh()

@@ -11,7 +11,8 @@ from typing import Any
 import torch
 
 from freemesh_ray.algorithms import compiled_gaussian, squashed_gaussian
-from freemesh_ray.algorithms.off_policy_learner import Figures, Minibatch, OffPolicyLearner, on_cpu
+from freemesh_ray.algorithms.networks import on_cpu
+from freemesh_ray.algorithms.off_policy_learner import Figures, Minibatch, OffPolicyLearner
 from freemesh_ray.algorithms.sac_module import SACModule
 
 
@@ -68,15 +69,14 @@ class SACLearner(OffPolicyLearner):
             new_actions, log_pi = drawn[:size], log_density[:size]
             alpha_gradient = -(log_pi.mean() + target_entropy).reshape(1)
             figures |= {"alpha_loss": lambda: alpha.log() * alpha_gradient, "log_pi_mean": lambda: log_pi}
-            self._descend(module_id, "alpha", [module.log_alpha], [alpha_gradient])
+            self._descend(module_id, "alpha", [alpha_gradient])
 
         # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
         next_q = target_critic(torch.cat([next_obs, next_actions], dim=1)).amin(dim=0).squeeze(1)
         target = rewards + discounts * (next_q - alpha * next_log_pi)
         critic_trace = critic.trace(torch.cat([obs, actions], dim=1))
         residual = critic_trace[-1] - target.unsqueeze(1)
-        critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
-        self._descend(module_id, "critic", critic_parameters, critic.backward(critic_trace, residual / size))
+        self._descend(module_id, "critic", critic.backward(critic_trace, residual / size))
         figures |= {
             "critic_loss": lambda: 0.5 * residual.square().sum() / size,
             "q_mean": lambda: critic_trace[-1],
@@ -90,8 +90,7 @@ class SACLearner(OffPolicyLearner):
             d_action = critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
             actor_trace = [part[:size] for part in trace]
             d_outputs = gaussian.backward(actor_trace[-1], noise[0], new_actions, d_action, alpha / size)
-            actor_parameters: list[torch.Tensor] = list(module.actor.parameters())
-            self._descend(module_id, "actor", actor_parameters, actor.backward(actor_trace, d_outputs))
+            self._descend(module_id, "actor", actor.backward(actor_trace, d_outputs))
             figures["actor_loss"] = lambda: alpha * log_pi.mean() - q_new.mean()
 
         self._follow(module_id, config)

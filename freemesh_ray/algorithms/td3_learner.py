@@ -45,7 +45,6 @@ class TD3Learner(OffPolicyLearner):
         module: TD3Module = self._module[module_id]
         networks = self._networks(module_id)
         actor, critic = networks["actor"], networks["critic"]
-        critic_parameters: list[torch.Tensor] = list(module.critic.parameters())
         size = len(obs)
 
         # The squared Bellman residual of each critic against the smallest target at a smoothed target action
@@ -58,7 +57,7 @@ class TD3Learner(OffPolicyLearner):
         critic_trace = critic.trace(torch.cat([obs, actions], dim=1))
         residual = critic_trace[-1] - target.unsqueeze(1)
         d_q = residual * (2.0 / size)
-        self._descend(module_id, "critic", critic_parameters, critic.backward(critic_trace, d_q))
+        self._descend(module_id, "critic", critic.backward(critic_trace, d_q))
         figures: Figures = {
             "critic_loss": lambda: residual.square().sum() / size,
             "q_mean": lambda: critic_trace[-1],
@@ -68,7 +67,6 @@ class TD3Learner(OffPolicyLearner):
             return figures
 
         # The deterministic policy gradient: -Q of the first critic, just updated
-        actor_parameters: list[torch.Tensor] = list(module.actor.parameters())
         actor_trace = actor.trace(obs)
         new_actions = actor_trace[-1].tanh()
         q_trace = critic.trace(torch.cat([obs, new_actions], dim=1))
@@ -76,7 +74,7 @@ class TD3Learner(OffPolicyLearner):
         d_q[0] = -1.0 / size
         d_action = critic.backward_to_input(q_trace, d_q)[:, obs.shape[1] :]
         d_outputs = d_action * (1.0 - new_actions.square())
-        self._descend(module_id, "actor", actor_parameters, actor.backward(actor_trace, d_outputs))
+        self._descend(module_id, "actor", actor.backward(actor_trace, d_outputs))
 
         self._follow(module_id, config)
         return figures | {"actor_loss": lambda: -q_trace[-1][0].mean()}
