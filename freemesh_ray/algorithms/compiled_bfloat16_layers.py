@@ -62,8 +62,9 @@ def _before_last(
     sums[:] = _ZERO
     for n in range(x.shape[0]):
         for i in range(x.shape[1]):
-            row[:] = _ZERO
-            for o in range(weight.shape[1]):
+            for k in range(x.shape[2]):
+                row[k] = gradient[n, i, 0] * weight[n, 0, k]
+            for o in range(1, weight.shape[1]):
                 for k in range(x.shape[2]):
                     row[k] += gradient[n, i, o] * weight[n, o, k]
             for k in range(x.shape[2]):
@@ -116,7 +117,9 @@ def before_last(x: torch.Tensor, gradient: torch.Tensor, weight: torch.Tensor) -
     """As ``bfloat16_layers.before_last``."""
     passed, sums = x.new_empty(x.shape), gradient.new_empty((*x.shape[:-2], 1, x.shape[-1]))
     row = np.empty(x.shape[-1], np.float32)
-    _before_last(_bits(x), _stack(gradient.contiguous()), _stack(weight.mT.contiguous()), row, _bits(passed), _stack(sums)[:, 0])
+    _before_last(
+        _bits(x), _stack(gradient.contiguous()), _stack(weight.mT.contiguous()), row, _bits(passed), _stack(sums)[:, 0]
+    )
     return passed, sums
 
 
