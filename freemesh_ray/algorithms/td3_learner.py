@@ -42,7 +42,6 @@ class TD3Learner(OffPolicyLearner):
     def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> Figures:
         """The same with its gradients written out."""
         obs, actions, rewards, next_obs, discounts, noise = minibatch
-        module: TD3Module = self._module[module_id]
         networks = self._networks(module_id)
         actor, critic = networks["actor"], networks["critic"]
         size = len(obs)
