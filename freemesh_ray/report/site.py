@@ -79,6 +79,8 @@ def write(
             note(f"{of}: {line}")
 
         try:
+            if not (definition := StudyFolder(studies / name).definition).is_file():
+                raise StudyError(f"{definition}: no such file")
             results = read(studies / name)
             report = write_report(studies / name, episodes=episodes, note=told)
             text = report.read_text(encoding="utf-8")

@@ -102,6 +102,11 @@ def test_a_study_that_cannot_be_read_is_listed_and_fails_the_command(
     assert len(page.tables[0]) == 2
 
 
+def test_a_folder_without_its_definition_is_told_as_such(studies: Path, tmp_path: Path):
+    (studies / "first" / "study.yaml").unlink()
+    assert write(studies, tmp_path / "site").unreadable == {"first": "first/study.yaml: no such file"}
+
+
 def test_mistakes_are_one_line(studies: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     with pytest.raises(StudyError, match="no study in it"):
         write(tmp_path / "nowhere", tmp_path / "site")
