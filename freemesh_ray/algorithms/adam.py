@@ -46,7 +46,7 @@ class LeanAdam(torch.optim.Adam):
         steps[0].add_(1.0)
         torch._fused_adam_(
             group["params"],
-            gradients,
+            list(gradients),
             averages,
             squares,
             [],
