@@ -29,7 +29,7 @@ class LeanAdam(torch.optim.Adam):
         self._tensors = None
 
     @torch.no_grad()
-    def descend(self, gradients: Sequence[torch.Tensor]) -> None:
+    def descend(self, gradients: list[torch.Tensor] | tuple[torch.Tensor, ...]) -> None:
         """Make a step along gradients, one for each parameter."""
         group = self.param_groups[0]
         if self._tensors is None:
@@ -46,7 +46,7 @@ class LeanAdam(torch.optim.Adam):
         steps[0].add_(1.0)
         torch._fused_adam_(
             group["params"],
-            list(gradients),
+            gradients,
             averages,
             squares,
             [],

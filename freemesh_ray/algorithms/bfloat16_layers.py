@@ -1,7 +1,7 @@
 """What lies between the products of a `Bfloat16Mlp`, anywhere.
 
-Hidden outputs and their gradients are (..., rows, units) bfloat16; all else is float32, and so are all sums. Weights
-and biases have a stack's axes in front.
+Hidden outputs and their gradients are (..., rows, units) bfloat16; all else is float32, and so are all sums. The first
+axes are those of a stack.
 """
 
 from __future__ import annotations

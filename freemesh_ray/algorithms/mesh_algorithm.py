@@ -11,8 +11,14 @@ from typing import Any, Self
 import numpy as np
 from ray.rllib.algorithms.algorithm import Algorithm
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
+from ray.rllib.core import COMPONENT_LEARNER, COMPONENT_RL_MODULE
 from ray.rllib.policy.sample_batch import DEFAULT_POLICY_ID
-from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, LEARNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
+from ray.rllib.utils.metrics import (
+    ENV_RUNNER_RESULTS,
+    LEARNER_RESULTS,
+    NUM_ENV_STEPS_SAMPLED_LIFETIME,
+    WEIGHTS_SEQ_NO,
+)
 
 from envs.errors import PluginError
 from envs.plug_in import NONE
@@ -279,6 +285,11 @@ class MeshAlgorithm(Algorithm):
             wait: until they have it.
         """
         with self.metrics.log_time(("timers", "publish")):
+            if not self._samples_remotely:  # not by way of Ray's object store
+                learnt = [f"{COMPONENT_LEARNER}/{COMPONENT_RL_MODULE}"]
+                state = self.learner_group.get_state(components=learnt, inference_only=True)[COMPONENT_LEARNER]
+                self.env_runner.set_state({key: state[key] for key in (COMPONENT_RL_MODULE, WEIGHTS_SEQ_NO)})
+                return
             self.env_runner_group.sync_weights(
                 from_worker_or_learner_group=self.learner_group,
                 inference_only=True,

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -233,7 +233,7 @@ class OffPolicyLearner(ConfiguredLearner):
         whole = (torch.randn((draws, rows * learners, width), generator=self._noise) for _ in range(count))
         return torch.stack([noise[:, first : first + rows] for noise in whole]).to(self._device)
 
-    def _descend(self, module_id: str, name: str, gradients: Sequence[torch.Tensor]) -> None:
+    def _descend(self, module_id: str, name: str, gradients: list[torch.Tensor] | tuple[torch.Tensor, ...]) -> None:
         if self.distributed:
             gradients = averaged(gradients)
         self._named_optimizers[f"{module_id}_{name}"].descend(gradients)

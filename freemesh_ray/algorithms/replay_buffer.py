@@ -88,7 +88,7 @@ class ReplayBuffer(Checkpointable):
         if not self._size:
             raise ValueError("the replay buffer is empty: collect transitions before sampling")
         index = self._random.integers(self._size, size=count)
-        return Transitions(*(stored[index] for stored in self._rows))
+        return Transitions(*(stored.take(index, axis=0) for stored in self._rows))
 
     def reseed(self, seed: int) -> None:
         """Sample otherwise from here on."""
