@@ -360,22 +360,23 @@ def drawn(study: Study, folder: StudyFolder, phase: Phase) -> tuple[dict[str, An
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
     """Let Tune end the study in peace at the first SIGINT, SIGTERM or SIGHUP, for `PEACE_SECONDS` at most, or until the
-    second: where trials are amid a step it would take a quarter of a minute.
+    second: where trials are amid a step it would take a quarter of a minute. What runs then is interrupted until it
+    ends: an interruption that comes amid a clean-up of Python's own is lost.
     """
 
     if threading.current_thread() is not threading.main_thread():
         yield  # signals are the main thread's
         return
 
-    def end(number: int, frame: FrameType | None) -> None:
-        if timers:
-            raise KeyboardInterrupt
-        os.kill(os.getpid(), signal.SIGUSR1)  # Tune obeys it, too
-        timers.append(threading.Timer(PEACE_SECONDS, os.kill, (os.getpid(), signal.SIGINT)))
-        timers[0].daemon = True
-        timers[0].start()
+    over = threading.Event()
+    insisting = threading.Thread(target=insist, args=(over,), daemon=True)
 
-    timers: list[threading.Timer] = []
+    def end(number: int, frame: FrameType | None) -> None:
+        if insisting.ident is not None:
+            raise KeyboardInterrupt
+        insisting.start()
+        os.kill(os.getpid(), signal.SIGUSR1)  # Tune obeys it, too
+
     numbers = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as `nohup` leaves it
         numbers.append(signal.SIGHUP)
@@ -383,10 +384,17 @@ def ended_by_signals() -> Iterator[None]:
     try:
         yield
     finally:
-        for timer in timers:
-            timer.cancel()
+        over.set()
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def insist(over: threading.Event) -> None:
+    """Interrupt the main thread after `PEACE_SECONDS`, and each second from then on, until it is over."""
+    wait = PEACE_SECONDS
+    while not over.wait(wait):
+        os.kill(os.getpid(), signal.SIGINT)
+        wait = 1.0
 
 
 def resources_of(plan: Plan, given: Mapping[str, Any]) -> tune.PlacementGroupFactory:

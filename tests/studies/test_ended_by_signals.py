@@ -54,10 +54,29 @@ def test_the_second_signal_waits_for_nothing(obeyed: list[int], monkeypatch: pyt
 
 def test_a_study_that_ends_in_time_is_left_alone(obeyed: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "PEACE_SECONDS", LONG)
+    before = signal.getsignal(signal.SIGTERM)
     with ended_by_signals():
         os.kill(os.getpid(), signal.SIGTERM)
     assert obeyed == [signal.SIGUSR1]
-    assert all(timer.finished.is_set() for timer in threading.enumerate() if isinstance(timer, threading.Timer))
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_an_interruption_that_is_lost_is_repeated(obeyed: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "PEACE_SECONDS", 0.05)
+    lost = []
+
+    def loses_one() -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        try:
+            threading.Event().wait(LONG)
+        except KeyboardInterrupt as interrupt:
+            lost.append(interrupt)
+        threading.Event().wait(LONG)
+        pytest.fail("nobody interrupted it again")
+
+    with pytest.raises(KeyboardInterrupt), ended_by_signals():
+        loses_one()
+    assert len(lost) == 1
 
 
 def test_it_touches_no_signal_outside_the_main_thread() -> None:
