@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from freemesh_ray.storage.atomic import OutputError, replacing
+from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import read_json
 from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import lineage
@@ -41,7 +41,7 @@ def take_over(folder: RunFolder) -> bool:
         newest = next(iter(checkpoint.found(other.checkpoints)), None)
         if newest is None or finished(other) is None:
             continue
-        with suppress(OSError, OutputError, ValueError):  # another lengthens it, too, and was first to remove it
+        with suppress(OSError, ValueError):  # another lengthens it, too, and was first to remove it
             if read_json(newest / checkpoint.PROGRESS)["env_steps"] < length(other.path):
                 continue
             for kept, own in ((other.evaluations, folder.evaluations), (other.policy, folder.policy)):

@@ -166,7 +166,7 @@ class SeedTraining:
             return
         checkpoint.write(training.algorithm, vars(training.progress).copy(), path)
         if self._lengthened:
-            with suppress(OSError):  # Tune has one, too
+            with suppress(OSError, OutputError):  # Tune has one, too
                 checkpoint.adopt(path, training.folder.checkpoints)
         training.callbacks.tell("on_checkpoint", path)
 

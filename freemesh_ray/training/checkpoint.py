@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from envs.errors import UserError
 from freemesh_ray.storage import state_file
+from freemesh_ray.storage.atomic import OutputError, replacing
 from freemesh_ray.storage.json_file import read_json
 
 PROGRESS = "progress.json"
@@ -82,7 +83,7 @@ def adopt(source: Path, folder: Path, keep: int = 1) -> Path:
         for name in (STATE, PROGRESS):
             _link(source / name, partial / name)
         os.rename(partial, path)
-    except OSError:
+    except (OSError, OutputError):
         shutil.rmtree(partial, ignore_errors=True)
         raise
     for old in found(folder)[keep:]:
@@ -94,7 +95,8 @@ def _link(source: Path, path: Path) -> None:
     try:
         os.link(source, path)
     except OSError:
-        shutil.copyfile(source, path)
+        with replacing(path) as draft:
+            shutil.copyfile(source, draft)
 
 
 def write(algorithm: Checkpointed, progress: dict[str, Any], path: Path) -> None:
