@@ -13,7 +13,7 @@ from freemesh_ray.studies import definition as studies
 
 @pytest.mark.parametrize("name", sorted(set(config.shipped()) - set(studies.shipped())))
 def test_every_shipped_configuration_loads(name: str) -> None:
-    assert config.load([] if name == "defaults" else [name])["learner"]["gamma"] == 0.99
+    assert config.load([] if name == "defaults" else [name]).keys() == config.load().keys()
 
 
 def test_the_study_of_one_s_own_is_one(tmp_path: Path) -> None:

@@ -38,11 +38,25 @@ def test_tune_is_told_and_what_still_runs_is_interrupted(
     number: int, obeyed: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runner, "PEACE_SECONDS", 0.05)
-    before = signal.getsignal(number)
-    with pytest.raises(KeyboardInterrupt), ended_by_signals():
-        signalled(number)
+    before = signal.signal(number, signal.default_int_handler)  # whatever started the tests
+    try:
+        with pytest.raises(KeyboardInterrupt), ended_by_signals():
+            signalled(number)
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        signal.signal(number, before)
     assert obeyed == [signal.SIGUSR1]
-    assert signal.getsignal(number) is before
+
+
+def test_a_study_that_nohup_began_outlives_its_terminal(obeyed: list[int]) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert obeyed == []
 
 
 def test_the_second_signal_waits_for_nothing(obeyed: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
