@@ -47,8 +47,8 @@ def add(commands: Any) -> None:
     study.add_argument("--resume", action="store_true", help="go on where it stopped, if it was begun")
     study.add_argument(
         "--add", action="append", default=[], metavar="KEY=VALUE",
-        help="go on with more: seeds=4,5, domains=D4, expects='A > B', variants='{LABEL: {KEY: VALUE}}', "
-        "trials=N or env_steps=N more; repeatable",
+        help="go on with more: seeds=4,5, more_seeds='{LABEL: [6, 7]}', domains=D4, expects='A > B', "
+        "variants='{LABEL: {KEY: VALUE}}', trials=N or env_steps=N more; repeatable",
     )  # fmt: skip
     study.add_argument("--dry-run", action="store_true", help="print the trials and stop")
     study.add_argument("--smoke", action="store_true", help="the whole path with tiny trainings")

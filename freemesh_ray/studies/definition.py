@@ -1,8 +1,8 @@
 """What a study is: its YAML file, read and checked, whether it is to be run or to be reported on.
 
 A file has two parts. ``settings`` holds what all trials share, over the defaults. ``study`` says what they differ in:
-``variants`` (label -> settings), or a ``grid`` of settings, each with each of ``seeds``, or a ``search`` of a space of
-settings, each draw with each of ``seeds``.
+``variants`` (label -> settings), or a ``grid`` of settings, each with each of ``seeds``, some with ``more_seeds``; or a
+``search`` of a space of settings, each draw with each of ``seeds``.
 """
 
 from __future__ import annotations
@@ -115,6 +115,7 @@ class Study:
         variants: label -> settings that differ; empty for a search.
         search: None for a study of variants.
         seeds: each variant is trained with each; none where the variants set their seeds.
+        more_seeds: label -> seeds that this variant alone is trained with, too.
         metric: of an evaluation (`freemesh_ray.policies.evaluation`), the larger the better.
         expects: what is expected to come out.
         domains: what every policy is evaluated on in the report.
@@ -130,6 +131,7 @@ class Study:
     variants: Mapping[str, Layer]
     search: Search | None = None
     seeds: Sequence[int] = ()
+    more_seeds: Mapping[str, Sequence[int]] = field(default_factory=dict)
     metric: str = SCORE
     expects: Sequence[Expectation] = ()
     domains: Sequence[str] = ()
@@ -142,7 +144,7 @@ class Study:
     def seeds_of(self, label: str) -> Sequence[int]:
         """The seeds that a variant is trained with."""
         own = config.values(self.variants[label]).get("seed")
-        return self.seeds if own is None else [own]
+        return [*self.seeds, *self.more_seeds.get(label, [])] if own is None else [own]
 
     def trainings(self) -> int:
         """How many trainings there are, without those that confirm a search."""
@@ -179,6 +181,7 @@ class Study:
         about |= {
             "expects": [str(expected) for expected in self.expects],
             "seeds": list(self.seeds),
+            "more_seeds": {label: list(seeds) for label, seeds in self.more_seeds.items()},
             "domains": list(self.domains),
             "variants": {label: config.values(layer) for label, layer in self.variants.items()},
         }
@@ -273,14 +276,14 @@ def _shrunk(study: Study) -> Study:
     """The same with few trials."""
     search = study.search
     if search is None:
-        return replace(study, name=f"{study.name}-smoke", seeds=study.seeds[:2])
+        return replace(study, name=f"{study.name}-smoke", seeds=study.seeds[:2], more_seeds={})
     confirm = replace(search.confirm, best=1, seeds=search.confirm.seeds[:1]) if search.confirm else None
     search = replace(search, trials=min(6, search.trials), confirm=confirm)
     return replace(study, name=f"{study.name}-smoke", seeds=study.seeds[:1], search=search)
 
 
 def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) -> Study:
-    values, parts = _keys(node, name, line, "study", KEYS, "variants", "grid", "search")
+    values, parts = _keys(node, name, line, "study", KEYS, "variants", "grid", "search", "more_seeds")
     variants = _variants(name, *parts["variants"]) if "variants" in parts else {}
     if "grid" in parts and not variants:
         variants = _grid(name, *parts["grid"])
@@ -298,8 +301,10 @@ def _study(stem: str, name: str, node: yaml.Node, line: int, settings: Layer) ->
     if "expects" in values:
         place = f"{name}:{parts['expects'][1]}"
         values["expects"] = [_expected(text, variants, place) for text in values["expects"]]
+    if "more_seeds" in parts:
+        values["more_seeds"] = _more_seeds(name, *parts["more_seeds"], variants, seeds)
     own = ["seed" in config.values(layer) for layer in variants.values()]
-    if any(own) and (seeds or not all(own)):
+    if any(own) and (seeds or "more_seeds" in parts or not all(own)):
         raise ConfigError(f"{name}:{line}: study: either every variant sets its seed, or study.seeds does for all")
     if not any(own) and not seeds:
         raise ConfigError(f"{name}:{line}: study.seeds is missing: it must be {KEYS['seeds']}")
@@ -312,6 +317,21 @@ def _variants(name: str, node: yaml.Node, line: int) -> dict[str, Layer]:
         config.check(label, LABEL, f"{name}:{at}", "study.variants")
         variants[label] = [] if _nothing(settings) else config.tree_layer(settings, name, at)
     return variants
+
+
+def _more_seeds(
+    name: str, node: yaml.Node, line: int, variants: Mapping[str, Layer], seeds: Sequence[int]
+) -> dict[str, list[int]]:
+    """Label -> fresh seeds."""
+    found = {}
+    for label, (values, at) in _pairs(node, line, name, "study.more_seeds").items():
+        place, key = f"{name}:{at}", f"study.more_seeds.{label}"
+        if label not in variants:
+            raise ConfigError(f"{place}: {key}: is no variant: known are {', '.join(variants) or 'none, in a search'}")
+        found[label] = config.check(config.plain(values, place), KEYS["seeds"], place, key)
+        if again := sorted(set(seeds) & set(found[label])):
+            raise ConfigError(f"{place}: {key}: {again[0]} is among study.seeds: remove it here")
+    return found
 
 
 def _grid(name: str, node: yaml.Node, line: int) -> dict[str, Layer]:

@@ -27,6 +27,11 @@ def _of_lists(before: Study, now: Study) -> Iterator[str]:
         gone = [str(value) for value in old.get(key, []) if value not in new.get(key, [])]
         if gone:
             yield f"study.{key} (without {', '.join(gone)})"
+    for label in before.variants:
+        now_has = now.seeds_of(label) if label in now.variants else ()
+        gone = [str(seed) for seed in before.more_seeds.get(label, ()) if now_has and seed not in now_has]
+        if gone:
+            yield f"study.more_seeds.{label} (without {', '.join(gone)})"
     if before.metric != now.metric:
         yield f"study.metric ({now.metric}, was {before.metric})"
     gone = [label for label in before.variants if label not in now.variants]
@@ -94,8 +99,8 @@ def extended(study: Study, additions: Sequence[str]) -> Study:
 
     Args:
         study: as it was begun.
-        additions: of seeds, domains or expects more values, of variants more labels with their settings, of trials and
-            env_steps how many more.
+        additions: of seeds, domains or expects more values, of more_seeds a variant's, of variants more labels with
+            their settings, of trials and env_steps how many more.
 
     Raises:
         ConfigError: an addition that cannot be used.
@@ -106,6 +111,8 @@ def extended(study: Study, additions: Sequence[str]) -> Study:
         if not equals or key not in ADDITIONS:
             raise ConfigError(f"--add {text}: write KEY=VALUE, of {', '.join(ADDITIONS)}")
         ADDITIONS[key](tree, study, value, f"--add {text}")
+    more = tree["study"].get("more_seeds", {})
+    tree["study"]["more_seeds"] = {label: seeds for label, seeds in more.items() if seeds}
     return replace(load(tree), name=study.name, paths=study.paths)
 
 
@@ -114,8 +121,21 @@ def _add_values(key: str) -> Callable[[dict[str, Any], Study, str, str], None]:
         values = [value] if key == "expects" else _read(value if value.startswith("[") else f"[{value}]", place)
         known = tree["study"].setdefault(key, [])
         known += [each for each in values if each not in known]
+        if key == "seeds":  # what some had before, all have now
+            for own in tree["study"].get("more_seeds", {}).values():
+                own[:] = [seed for seed in own if seed not in known]
 
     return add
+
+
+def _add_more_seeds(tree: dict[str, Any], study: Study, value: str, place: str) -> None:
+    more = _read(value, place)
+    if not isinstance(more, Mapping) or not all(isinstance(seeds, list) for seeds in more.values()):
+        raise ConfigError(f"{place}: write {{LABEL: [4, 5]}}")
+    known = tree["study"].setdefault("more_seeds", {})
+    for label, seeds in more.items():
+        had = known.setdefault(label, [])
+        had += [seed for seed in seeds if seed not in had]
 
 
 def _add_variants(tree: dict[str, Any], study: Study, value: str, place: str) -> None:
@@ -140,6 +160,7 @@ def _add_steps(tree: dict[str, Any], study: Study, value: str, place: str) -> No
 #: What ``--add`` takes.
 ADDITIONS: Mapping[str, Callable[[dict[str, Any], Study, str, str], None]] = {
     "seeds": _add_values("seeds"),
+    "more_seeds": _add_more_seeds,
     "domains": _add_values("domains"),
     "expects": _add_values("expects"),
     "variants": _add_variants,

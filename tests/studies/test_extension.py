@@ -54,6 +54,7 @@ def begun(text: str, folder: Path) -> StudyFolder:
 
 GROWS = [
     (VARIANTS, ("seeds: [1, 2]", "seeds: [1, 2, 3]")),
+    (VARIANTS, ("  domains:", "  more_seeds: {one: [3]}\n  domains:")),
     (VARIANTS, ("    one:\n", "    one:\n    three: {learner.gamma: 0.8}\n")),
     (VARIANTS, ("domains: [T1]", "domains: [T1, D4]")),
     (VARIANTS, ("[one > two]", "[one > two, two > one]")),
@@ -111,6 +112,28 @@ def test_what_cannot_change_is_named_and_nothing_is_written(
         folder.claim(study(text, tmp_path), resume=False)
 
 
+def test_seeds_of_one_variant_stay_and_may_become_those_of_all(tmp_path: Path) -> None:
+    more = "seeds: [1, 2]\n  more_seeds: {one: [3, 4]}"
+    folder = begun(VARIANTS.replace("seeds: [1, 2]", more), tmp_path)
+    with pytest.raises(StudyError, match=r"cannot change: study\.more_seeds\.one \(without 4\)"):
+        folder.claim(study(VARIANTS, tmp_path, "seeds: [1, 2]", "seeds: [1, 2]\n  more_seeds: {one: [3]}"), resume=True)
+    now = folder.claim(study(VARIANTS, tmp_path, "seeds: [1, 2]", "seeds: [1, 2, 3, 4]"), resume=True)
+    assert {label: list(now.seeds_of(label)) for label in now.variants} == {"one": [1, 2, 3, 4], "two": [1, 2, 3, 4]}
+
+
+def test_seeds_of_one_variant_are_added(tmp_path: Path) -> None:
+    first = study(VARIANTS, tmp_path)
+    now = extended(first, ["more_seeds={one: [5, 6]}", "more_seeds={one: [6, 7]}"])
+    assert (list(now.seeds_of("one")), list(now.seeds_of("two"))) == ([1, 2, 5, 6, 7], [1, 2])
+    assert now.trainings() == 7
+    now = extended(now, ["seeds=5,6,7"])
+    assert list(now.seeds_of("one")) == list(now.seeds_of("two")) == [1, 2, 5, 6, 7]
+    assert load(now.tree()).tree() == now.tree()
+    for wrong in ("more_seeds={one: 5}", "more_seeds=[5]", "more_seeds={three: [5]}", "more_seeds={one: [1]}"):
+        with pytest.raises(ConfigError, match="more_seeds"):
+            extended(first, [wrong])
+
+
 def test_more_trials_of_a_search_that_is_not_over_are_refused(tmp_path: Path) -> None:
     folder, more = begun(SEARCH, tmp_path), study(SEARCH, tmp_path, "trials: 4", "trials: 6")
     folder.write([TrialRecord(f"draw {i}", 1, f"runs/trial-{i}", "finished") for i in range(3)])
@@ -138,7 +161,7 @@ def test_additions_are_written_down_without_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "addition", "message"),
     [
-        (VARIANTS, "seed=4", "write KEY=VALUE, of seeds, domains"),
+        (VARIANTS, "seed=4", "write KEY=VALUE, of seeds, more_seeds, domains"),
         (VARIANTS, "seeds=many", "study.seeds: must be"),
         (VARIANTS, "trials=2", "a study of variants has no trials"),
         (VARIANTS, "env_steps=-5", "give a whole number, how many more"),

@@ -25,11 +25,11 @@ from freemesh_ray.studies.runner import merged
 from freemesh_ray.studies.study_folder import StudyError, TrialRecord
 
 STUDIES = {
-    "algorithms": 12, "domains": 12, "networks": 12, "seeds": 5, "observation": 9, "radius": 9, "density": 18,
+    "algorithms": 19, "domains": 19, "networks": 19, "seeds": 10, "observation": 16, "radius": 16, "density": 25,
     "search": 1, "population": 1,
 }  # fmt: skip
 #: Those that are not of the paper.
-OURS = {"learner": 40, "mdp": 30, "methods": 50, "updates": 40}
+OURS = {"learner": 40, "mdp": 37, "methods": 50, "updates": 40}
 SOURCE = {"envs": "a digest", "torch": "a version"}
 GOOD = """study:
   title: A test
@@ -113,7 +113,7 @@ def test_the_documents_have_every_key_with_its_default():
     rows = re.findall(r"^\| `(\w+)` \| .+? \| (.*) \|$", (ROOT / "docs" / "studies.md").read_text(), re.MULTILINE)
     written_down = {name: text.strip("`").replace(",", "") for name, text in rows}
     expected = {"title": "must be given", "space": "must be given", "trials": "must be given"}
-    expected |= {"variants": "this `grid` or `search", "grid": "this `variants` or `search"}
+    expected |= {"more_seeds": "none", "variants": "this `grid` or `search", "grid": "this `variants` or `search"}
     expected |= {"search": "this `variants` or `grid", "confirm": "none"}
     for keys, kind in ((KEYS, Study), (SEARCH_KEYS, Search)):
         defaults = {field.name: field.default for field in fields(kind) if field.name in keys}
@@ -159,6 +159,14 @@ BAD = [
     (GOOD.replace("  seeds: [1, 2]\n", ""), "study.seeds is missing"),
     (GOOD.replace("[1, 2]", "[1, 1]"), "3: study.seeds: must be a list of one or more different values"),
     (GOOD.replace("  title: A test\n", ""), "study.title is missing"),
+    (GOOD.replace("  variants", "  more_seeds: {on: [3]}\n  variants"),
+     "4: study.more_seeds.on: is no variant: known are one, two"),
+    (GOOD.replace("  variants", "  more_seeds: {one: [3, 2]}\n  variants"),
+     "4: study.more_seeds.one: 2 is among study.seeds: remove it here"),
+    (GOOD.replace("  variants", "  more_seeds: {one: 3}\n  variants"),
+     "4: study.more_seeds.one: must be a list of one or more different values"),
+    (GOOD.replace("seeds: [1, 2]", "more_seeds: {one: [3]}").replace("one:\n", "one: {seed: 1}\n")
+     .replace("gamma: 0.9", "gamma: 0.9, seed: 2"), "either every variant sets its seed, or study.seeds does for all"),
     (GOOD.replace("  seeds", "  sedes: 3\n  seeds"), "3: study.sedes: unknown key"),
     (GOOD.replace("  seeds", "  expects: [one > three]\n  seeds"), "3: study.expects: 'one > three': write LABEL"),
     (GOOD.replace("  seeds", "  expects: [one = one]\n  seeds"), "3: study.expects: 'one = one': write LABEL"),
