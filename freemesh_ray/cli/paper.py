@@ -15,9 +15,10 @@ TABLES = ("scalability", "generalisation", "quality", "observation", "density")
 
 EPILOG = """\
 tables:
-  scalability      D1-D3: elements, time, elements/s
-  generalisation   D4-D7: completion, actions by type
-  quality          D7-D9: the eight metrics, beside conventional methods
+  scalability      D1-D3: elements, time, elements/s, size at the boundary and inside
+  generalisation   D4-D7: completion, actions by type, the front's shape as it is cut
+  quality          D7-D9: the eight metrics and their outliers, of the policy alone, with what completes its mesh (raw),
+                   smoothed, finished, and of conventional methods
   observation      T1: quality, elements and time by observation range
   density          T1: elements by density weight
 
@@ -88,18 +89,22 @@ def generalisation(options: argparse.Namespace) -> str:
 
 
 def quality(options: argparse.Namespace) -> str:
-    """The table of all meshers; their meshes are drawn, too."""
+    """The tables of all meshers; their meshes are drawn, too."""
     from freemesh_ray.compare import mesh_file, meshers, report
     from freemesh_ray.compare.comparison import compare
+    from freemesh_ray.compare.stages import stages
+    from freemesh_ray.paper_tables.outliers import outliers
     from freemesh_ray.paper_tables.quality import DOMAINS, quality
 
     found = domains(options, DOMAINS)
     files = mesh_file.files(options.mesh, found)
-    columns = [*meshers.installed_peers(options.peers, note), *files, meshers.ours(maker(options))]
+    columns = [*meshers.installed_peers(options.peers, note), *files]
+    make = maker(options)
+    columns += stages(next(iter(policies(options).values())), make)
     folder = Path(options.out) if options.out else None
     done = compare(found, columns, folder, lambda row: note(report.line(row)))
     note()
-    return quality(done)
+    return f"{quality(done)}\n{outliers(done)}"
 
 
 def observation(options: argparse.Namespace) -> str:

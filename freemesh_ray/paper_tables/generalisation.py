@@ -1,4 +1,4 @@
-"""Generalisation: four domains from simple to complex, and which types of action meshed them."""
+"""Generalisation: four domains from simple to complex, the types of action that mesh them, and their fronts."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from envs.types import Domain, Ints
 from freemesh_ray.compare.our_mesher import MeshDomain
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.mesher import MeshingError
+from freemesh_ray.paper_tables.front_shape import SHARES, front_shape
 from freemesh_ray.paper_tables.published import published
 
 #: The paper's domains.
@@ -18,17 +19,20 @@ DOMAINS = ("D4", "D5", "D6", "D7")
 
 
 def generalisation(domains: Sequence[Domain], make: MeshDomain) -> str:
-    """The table: completion and actions by type of each domain, and of all of them, beside what the paper prints."""
+    """The tables: completion and actions by type, beside the paper's figures; the fronts' shapes."""
     paper = published("generalisation")
-    lines, total, completed = [], np.zeros(3, dtype=np.int64), 0
+    lines, fronts, total, completed = [], [], np.zeros(3, dtype=np.int64), 0
     for i, domain in enumerate(domains):
         expected = paper["actions"][i] if i < len(paper["actions"]) else None
         beside = "-" if expected is None else f"{expected} actions"
         try:
-            counts = action_types(make(domain).raw, domain)
+            raw = make(domain).raw
         except MeshingError:
             lines.append([domain.name, "no", *["-"] * 5, beside])
             continue
+        counts = action_types(raw, domain)
+        shapes = [front_shape(raw, share) for share in SHARES]
+        fronts.append([domain.name, *(f"{shape.roundness:.2f}, {shape.convexity:.2f}" for shape in shapes)])
         total += counts
         completed += 1
         lines.append([domain.name, "yes", *cells(counts), beside])
@@ -36,7 +40,10 @@ def generalisation(domains: Sequence[Domain], make: MeshDomain) -> str:
     header = ["generalisation", "completed", "type 0", "type 1", "type 2", "actions", "type 1 share", "paper"]
     return (
         f"{markdown(header, lines)}\n\nAn action of type 0 adds no vertex, one of type 1 one, one of type 2 two. "
-        f"Paper: {paper['source']}.\n"
+        f"Paper: {paper['source']}.\n\n"
+        f"{markdown(['front when cut', *(f'{share:.0%}' for share in SHARES)], fronts)}\n\n"
+        "Roundness, 4 pi area / perimeter^2, and convexity, area / that of the convex hull, of what is left when this "
+        "share of the elements is cut: both are 1 for a disc. Paper: fronts gradually become an oval.\n"
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray.compare.our_mesher import MeshDomain
 from freemesh_ray.formatting.table import markdown
@@ -23,6 +24,7 @@ LINES = {
     "elements": ("elements", ".0f"),
     "seconds": ("time (s)", ".2f"),
     "rate": ("elements/s", ",.0f"),
+    "coarsening": ("interior elements' area over boundary elements'", ".2f"),
 }
 
 
@@ -40,7 +42,11 @@ def scalability(domains: Sequence[Domain], make: MeshDomain) -> str:
         [title, *(format(column[key], form) if key in column else "-" for column in columns)]
         for key, (title, form) in LINES.items()
     ]
-    return f"{markdown(header, lines)}\n\nPaper: {paper['source']}; elements/s is its elements over its time.\n"
+    return (
+        f"{markdown(header, lines)}\n\nAreas are means, of the elements that have a vertex on the boundary and of the "
+        "others: above 1 the boundary is denser than the interior, as the paper says of its meshes. "
+        f"Paper: {paper['source']}; elements/s is its elements over its time.\n"
+    )
 
 
 def measured(domain: Domain, make: MeshDomain) -> dict[str, float]:
@@ -54,7 +60,14 @@ def measured(domain: Domain, make: MeshDomain) -> dict[str, float]:
     except MeshingError:
         return found
     elements = float(len(made.raw.quads))
-    return found | {"elements": elements, "seconds": made.seconds_raw, "rate": elements / made.seconds_raw}
+    found |= {"elements": elements, "seconds": made.seconds_raw, "rate": elements / made.seconds_raw}
+    return found | coarsening(made.raw)
+
+
+def coarsening(mesh: Mesh) -> dict[str, float]:
+    """The mean area of the interior elements over that of those at the boundary; nothing where all are there."""
+    outer = mesh.on_boundary[mesh.quads].any(axis=1)
+    return {} if outer.all() else {"coarsening": float(mesh.areas[~outer].mean() / mesh.areas[outer].mean())}
 
 
 def printed(i: int) -> dict[str, float]:

@@ -16,19 +16,22 @@ from freemesh_ray import export
 from freemesh_ray.cli import command
 from freemesh_ray.cli.paper import TABLES
 from freemesh_ray.compare.comparison import compare
-from freemesh_ray.compare.meshers import Mesher
-from freemesh_ray.compare.mixed_mesh import assembled
-from freemesh_ray.mesher import MeshingError, MeshResult
+from freemesh_ray.compare.meshers import OURS, RAW, Mesher
+from freemesh_ray.compare.mixed_mesh import PeerError, assembled
+from freemesh_ray.compare.stages import ALONE, SMOOTHED, stages
+from freemesh_ray.mesher import MeshingError, MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import by_element
 from freemesh_ray.paper_tables.density import density
+from freemesh_ray.paper_tables.front_shape import front_shape
 from freemesh_ray.paper_tables.generalisation import action_types, generalisation
 from freemesh_ray.paper_tables.observation import observation
+from freemesh_ray.paper_tables.outliers import beyond, outliers
 from freemesh_ray.paper_tables.published import published, spread_of
 from freemesh_ray.paper_tables.quality import LINES, quality
 from freemesh_ray.paper_tables.repeated import repeat
-from freemesh_ray.paper_tables.scalability import scalability
+from freemesh_ray.paper_tables.scalability import coarsening, scalability
 from freemesh_ray.policies.evaluation import run_episodes
-from freemesh_ray.policies.policy import Policy
+from freemesh_ray.policies.policy import SHIPPED, Policy
 from tests.play import turns
 
 RING = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
@@ -76,6 +79,18 @@ def test_scalability() -> None:
     assert cells(text, "elements/s")[1:] == ["8", "321", "-", "256"]
 
 
+def test_coarsening_is_the_ratio_of_mean_areas() -> None:
+    ring = [[0, 0], [1, 0], [3, 0], [4, 0], [4, 1], [4, 3], [4, 4], [3, 4], [1, 4], [0, 4], [0, 3], [0, 1]]
+    inner = [[1, 1], [3, 1], [3, 3], [1, 3]]
+    quads = [[0, 1, 12, 11], [1, 2, 13, 12], [2, 3, 4, 13], [13, 4, 5, 14], [14, 5, 6, 7], [15, 14, 7, 8],
+             [10, 15, 8, 9], [11, 12, 15, 10], [12, 13, 14, 15]]  # fmt: skip
+    domain = from_rings(ring, name="frame")
+    mesh = Mesh("frame", np.vstack([domain.points, inner]), np.array(quads), domain.segments, True)
+    assert coarsening(mesh) == {"coarsening": pytest.approx(4.0 / (12.0 / 8.0))}
+    assert coarsening(squares(square())) == {}
+    assert cells(scalability([square()], make), "interior elements' area over boundary elements'")[1:] == ["-", "-"]
+
+
 def test_the_papers_speeds_are_about_what_its_text_says() -> None:
     paper = published("scalability")
     speeds = np.array(paper["elements"]) / np.array(paper["seconds"])
@@ -89,10 +104,24 @@ def test_the_papers_speeds_are_about_what_its_text_says() -> None:
 def test_actions_of_four_squares() -> None:
     domain = square()
     assert action_types(squares(domain), domain).tolist() == [2, 1, 0]
-    text = generalisation([domain, square("hard")], make)
+    text, _, _ = generalisation([domain, square("hard")], make).partition("front when cut")
     assert cells(text, "square")[1:7] == ["yes", "2", "1", "0", "3", "33%"]
     assert cells(text, "hard")[1:7] == ["no", *["-"] * 5]
     assert cells(text, "all")[1:7] == ["1/2", "2", "1", "0", "3", "33%"]
+
+
+def test_the_shape_of_what_is_left() -> None:
+    mesh = squares(square())
+    whole = front_shape(mesh, 0.0)
+    assert whole == pytest.approx((np.pi / 4, 1.0, 1))
+    l_shape = front_shape(mesh, 0.25)  # three of four squares
+    assert l_shape == pytest.approx((4 * np.pi * 3 / 64, 3 / 3.5, 1))
+    order = np.array([1, 3, 0, 2])  # what is left are two squares that share a corner
+    pieces = front_shape(Mesh(mesh.name, mesh.vertices, mesh.quads[order], mesh.segments, True), 0.5)
+    assert pieces == pytest.approx((np.pi / 4, 1.0, 2))
+    assert cells(generalisation([square()], make), "front when cut")[1:] == ["0%", "25%", "50%", "75%", "90%"]
+    text = generalisation([square()], make).partition("front when cut")[2]
+    assert cells(text, "square")[1:3] == ["0.79, 1.00", "0.59, 0.86"]
 
 
 @pytest.mark.parametrize("type2", [False, True])
@@ -135,6 +164,32 @@ def test_quality_pools_elements_and_averages_counts() -> None:
         "0.72 ± 0.12", "0.79 ± 0.12", "0.79 ± 0.13", f"{eta.mean():.2f} ± {eta.std():.2f}",
     ]  # fmt: skip
     assert cells(text, "triangles (L)")[-1] == "2.0 ± 2.0"
+
+
+def test_outliers_are_beyond_the_whiskers_of_the_box_plots() -> None:
+    from matplotlib.cbook import boxplot_stats
+
+    values = np.random.default_rng(0).standard_t(2, 500)
+    assert beyond(values) == len(boxplot_stats(values)[0]["fliers"]) > 10
+    assert beyond(np.ones(9)) == 0
+    good = Mesher("good", lambda domain: [assembled("good", squares(domain).vertices, QUADS, [], 1.0)])
+    text = outliers(compare([square()], [good], None, lambda row: None))
+    assert cells(text, "stretch")[1:] == ["0.0% (0)"]
+
+
+def test_what_follows_the_policy_is_told_apart() -> None:
+    policy, domain = Policy.load(SHIPPED["medium"]), load("D4")
+    (alone,), followed = (column.run(domain) for column in stages(policy, lambda one: mesh_domain(policy, one)))
+    (episode,) = run_episodes(policy, domain, 1, stochastic=False, seed=0)
+    assert [mesh.mesher for mesh in (alone, *followed)] == [ALONE, RAW, SMOOTHED, OURS]
+    assert len(alone) == len(episode.mesh.quads)
+    etas = [by_element(mesh)["eta"].mean() for mesh in followed]
+    assert etas == sorted(etas)
+    assert len(followed[0]) == len(followed[1])
+    stuck = Policy([(np.zeros((observation_size(MeshingParameters()), 6), np.float32), np.full(6, -3, np.float32))],
+                   MeshingParameters())  # fmt: skip
+    with pytest.raises(PeerError, match=r"^the policy alone stopped after \d+ elements$"):
+        stages(stuck, make)[0].run(domain)
 
 
 def test_failures_are_told() -> None:
