@@ -12,7 +12,21 @@ from importlib.metadata import version
 from types import FrameType
 
 from envs.errors import INTERRUPTED, UserError
-from freemesh_ray.cli import bench, compare, compile, domains, mesh, paper, report, serve, study, submit, sync, train
+from freemesh_ray.cli import (
+    bench,
+    compare,
+    compile,
+    convergence,
+    domains,
+    mesh,
+    paper,
+    report,
+    serve,
+    study,
+    submit,
+    sync,
+    train,
+)  # fmt: skip
 from freemesh_ray.cli.arguments import Parser
 from freemesh_ray.formatting import terminal
 from freemesh_ray.formatting.terminal import OutputLostError, note
@@ -25,7 +39,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 #: The commands in the order of the help; each file has ``add(commands)`` and ``run(options) -> exit code``.
 COMMANDS = {
     "mesh": mesh, "domains": domains, "train": train, "study": study, "report": report, "submit": submit,
-    "sync": sync, "compare": compare, "paper": paper, "serve": serve, "bench": bench,
+    "sync": sync, "compare": compare, "convergence": convergence, "paper": paper, "serve": serve, "bench": bench,
     "compile": compile,
 }  # fmt: skip
 

@@ -1,0 +1,151 @@
+"""Problems with known solutions: solved at the rates of theory on grids, and told as they were found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from freemesh_ray.cli import convergence as command
+from freemesh_ray.cli.command import main
+from freemesh_ray.cli.convergence import PROBLEMS
+from freemesh_ray.compare.meshers import Mesher, ours
+from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
+from freemesh_ray.compare.our_mesher import maker
+from freemesh_ray.convergence import cylinder, kirsch, l_shape, laplace, report, square
+from freemesh_ray.convergence.problem import Problem, UnsolvableError, circle, polygon
+from freemesh_ray.convergence.run import Solved, run
+from freemesh_ray.policies.policy import SHIPPED
+
+#: Elements of a grid: squares, triangles, or both, the triangles where x + y < 1.
+QUADS, TRIANGLES, BOTH = "quads", "triangles", "both"
+
+
+def grid(n: int, kind: str = QUADS) -> MixedMesh:
+    """A grid of n x n cells on the unit square, sheared a little inside, so that no element is special."""
+    x, y = (values.ravel() for values in np.meshgrid(*[np.linspace(0, 1, n + 1)] * 2))
+    shear = 0.05 * np.sin(np.pi * x) * np.sin(np.pi * y)
+    corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    cells = np.stack([corner, corner + 1, corner + n + 2, corner + n + 1], axis=1)
+    split = np.zeros(len(cells), bool) if kind == QUADS else (x + y)[corner] < (2 if kind == BOTH else 3) / 2
+    cut = cells[split]
+    triangles = np.concatenate([cut[:, [0, 1, 2]], cut[:, [0, 2, 3]]])
+    return assembled("grid", np.stack([x + shear, y - shear], axis=1), cells[~split], triangles, 0.0)
+
+
+@pytest.mark.parametrize("kind", [QUADS, TRIANGLES, BOTH])
+def test_errors_fall_as_theory_says(kind: str) -> None:
+    coarse, fine = (square.errors(grid(n, kind)) for n in (32, 64))
+    for name, factor in square.SQUARE.factors.items():
+        assert fine[name] / coarse[name] == pytest.approx(factor, rel=0.06)
+
+
+@pytest.mark.parametrize("kind", [QUADS, TRIANGLES, BOTH])
+def test_what_the_elements_hold_is_solved_exactly(kind: str) -> None:
+    def plane(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 1 + 2 * x - 3 * y
+
+    def gradient(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return 2 + 0 * x, -3 + 0 * y
+
+    assert max(laplace.errors(grid(6, kind), plane, gradient, None).values()) < 1e-12
+
+
+def test_the_error_of_a_singular_solution_falls_more_slowly() -> None:
+    make = ours(maker(SHIPPED["medium"]))
+    found = run("l_shape", l_shape.L_SHAPE, [make], 3, lambda solved: None)
+    first, _, last = [solved.errors or {} for solved in found]
+    assert last["H1"] / first["H1"] == pytest.approx(l_shape.L_SHAPE.factors["H1"] ** 2, abs=0.09)
+
+
+@pytest.mark.parametrize("problem", [square, l_shape])
+def test_gradients_are_those_of_the_solutions(problem: object) -> None:
+    x, y = np.random.default_rng(0).uniform(0.1, 0.9, (2, 50))
+    step = 1e-6
+    by_x = (problem.exact(x + step, y) - problem.exact(x - step, y)) / (2 * step)  # type: ignore[attr-defined]
+    by_y = (problem.exact(x, y + step) - problem.exact(x, y - step)) / (2 * step)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(problem.gradient(x, y), [by_x, by_y], atol=1e-6)  # type: ignore[attr-defined]
+
+
+def test_kirschs_stress_is_that_of_its_displacement_and_leaves_the_hole_free() -> None:
+    r, phi = np.random.default_rng(1).uniform([[1.1], [0]], [[3], [2 * np.pi]], (2, 40))
+    x, y, step = r * np.cos(phi), r * np.sin(phi), 1e-5
+
+    def by(dx: float, dy: float) -> np.ndarray:
+        ahead, behind = kirsch.displacement(x + dx, y + dy), kirsch.displacement(x - dx, y - dy)
+        return (np.array(ahead) - np.array(behind)) / (2 * step)
+
+    gradient = np.stack([by(step, 0), by(0, step)], axis=1)
+    strain = 0.5 * (gradient + gradient.swapaxes(0, 1))
+    np.testing.assert_allclose(kirsch.hooke(strain), kirsch.stress(x, y), atol=1e-8)
+    np.testing.assert_allclose(
+        kirsch.energy(kirsch.stress(x, y)), (kirsch.stress(x, y) * strain).sum(axis=(0, 1)), atol=1e-8
+    )
+    normal = np.array([np.cos(phi), np.sin(phi)])
+    np.testing.assert_allclose(np.einsum("ij...,j...", kirsch.stress(*normal), normal), 0, atol=1e-12)
+    assert kirsch.stress(np.array(0.0), np.array(1.0))[0, 0] == pytest.approx(3)
+
+
+def test_kirschs_error_falls() -> None:
+    found = run("kirsch", kirsch.KIRSCH, [ours(maker(SHIPPED["medium"]))], 3, lambda solved: None)
+    first, _, last = [(solved.errors or {})["energy"] for solved in found]
+    assert last / first == pytest.approx(0.25, abs=0.06)
+    assert last < 0.04
+
+
+def test_the_drag_of_the_cylinder() -> None:
+    mesh = maker(SHIPPED["medium"])(cylinder.domain(0.04)).finished
+    assert cylinder.errors(assembled("x", mesh.vertices, mesh.quads, [], 0.0))["drag"] < 0.06
+    with pytest.raises(UnsolvableError, match=r"^2 triangles, for which it is not solved$"):
+        cylinder.errors(assembled("x", [[0, 0], [1, 0], [1, 1], [0, 1]], [], [[0, 1, 2], [0, 2, 3]], 0.0))
+
+
+def test_boundaries_are_of_equal_segments() -> None:
+    ring = circle((2.0, 1.0), 0.5, 0.1)
+    np.testing.assert_allclose(np.hypot(*(ring - [2, 1]).T), 0.5)
+    domain = polygon("frame", [(0, 0), (4, 0), (4, 2), (0, 2)], 0.1, ring)
+    assert len(domain.segments) == 120 + len(ring)
+    assert len(ring) % 4 == 0
+    assert domain.area == pytest.approx(8 - np.pi / 4, rel=0.01)
+
+
+def test_lines_that_fail_are_told_and_leave_no_ratio(capsys: pytest.CaptureFixture[str]) -> None:
+    def mesh(domain: object) -> list[MixedMesh]:
+        if len(domain.segments) == 8:  # type: ignore[attr-defined]
+            raise PeerError("no\nway")
+        return [grid(len(domain.segments) // 4)]  # type: ignore[attr-defined]
+
+    problem = Problem("A title", 1.0, square.domain, square.errors, {"H1": 0.5})
+    told: list[Solved] = []
+    found = run("p", problem, [Mesher("some", mesh)], 4, told.append)
+    assert told == found
+    assert [solved.failure for solved in found] == ["", "no way", "", ""]
+    text = report.section(problem, found)
+    assert text.endswith("- p at 0.5  some: failed: no way")
+    ratios = [line.split("|")[5].strip() for line in text.splitlines() if line.startswith("| some")]
+    assert ratios[:2] == ["-", "-"]
+    assert float(ratios[2]) == pytest.approx(found[3].errors["H1"] / found[2].errors["H1"], abs=0.006)  # type: ignore[index]
+    assert report.csv(found).splitlines()[1].startswith("p,some,1.0,1,H1,")
+    assert len(report.csv(found).splitlines()) == 1 + 2 * 3
+
+
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["convergence", "square", "kirsch", "--levels", "2", "--out", "out"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("| freemesh |") == 4
+    assert Path("out/convergence.md").read_text() == out
+    assert Path("out/convergence.png").stat().st_size > 10_000
+    assert main(["convergence", "circle"]) == 2
+    assert capsys.readouterr().err == f"freemesh: 'circle': no problem of this name: use {', '.join(PROBLEMS)}\n"
+
+
+def test_without_the_solver_it_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def missing(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name="skfem")
+
+    monkeypatch.setattr(command, "import_module", missing)
+    assert main(["convergence", "square"]) == 2
+    told = "freemesh: scikit-fem is not installed, which solves the problems: pip install scikit-fem\n"
+    assert capsys.readouterr().err == told
