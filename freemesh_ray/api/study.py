@@ -21,6 +21,7 @@ def study(
     callbacks: Sequence[Callback] = (),
     resume: bool = False,
     add: Sequence[str] = (),
+    records: Sequence[str | Path] = (),
     note: Callable[[str], None] = lambda line: None,
 ) -> StudyResult:
     """Run a study of many trainings on Ray Tune, track it and report on it, as ``freemesh study`` does.
@@ -33,10 +34,11 @@ def study(
         callbacks: of every trial's training; each trial has copies in a process of its own.
         resume: go on where it stopped, if it was begun, with what ``source`` has more than it had then.
         add: ``KEY=VALUE``, as ``seeds=4,5``: go on with what was begun, and more (`freemesh study --add`).
+        records: files, or folders that hold some: trainings in them count as finished (`freemesh study --records`).
         note: called with lines of progress, as ``print``.
 
     Raises:
-        ConfigError, DomainError, StudyError, InUseError: what is wrong with the input.
+        ConfigError, DomainError, StudyError, RecordsError, InUseError: what is wrong with the input.
         KeyboardInterrupt: Ctrl-C; ``resume`` goes on.
     """
     environment()
@@ -44,8 +46,8 @@ def study(
 
     if add:
         name = source if isinstance(source, str | Path) else load(source).name
-        return run(longer(name, add), callbacks, True, note)
-    return run(load(source), callbacks, resume, note)
+        return run(longer(name, add), callbacks, True, note, records)
+    return run(load(source), callbacks, resume, note, records)
 
 
 def longer(source: str | Path, add: Sequence[str], sets: Sequence[str] = (), *, smoke: bool = False) -> Study:
@@ -83,9 +85,18 @@ def begun(source: str | Path, sets: Sequence[str], smoke: bool) -> StudyFolder:
     return StudyFolder(Path(studies) / f"{Path(source).stem}{'-smoke' if smoke else ''}")
 
 
-def run(study: Study, callbacks: Sequence[Callback], resume: bool, note: Callable[[str], None]) -> StudyResult:
+def run(
+    study: Study,
+    callbacks: Sequence[Callback],
+    resume: bool,
+    note: Callable[[str], None],
+    records: Sequence[str | Path] = (),
+) -> StudyResult:
     """`study` of one that was read."""
+    from freemesh_ray.studies import uptake
     from freemesh_ray.studies.runner import prepare
+
+    recorded = uptake.read(records) if records else None
 
     check(study)
     prepare(study, resume)
@@ -98,7 +109,9 @@ def run(study: Study, callbacks: Sequence[Callback], resume: bool, note: Callabl
         from freemesh_ray.studies import runner
 
         gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())
-        return runner.run(study, resume=resume, make=build, report=write, callbacks=callbacks, note=note)
+        return runner.run(
+            study, resume=resume, make=build, report=write, callbacks=callbacks, recorded=recorded, note=note
+        )
 
 
 def check(study: Study) -> None:

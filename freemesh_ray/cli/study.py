@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections.abc import Sequence
 from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ examples:
   freemesh study mine.yaml --set budget.env_steps=1.2e6
   freemesh study mine.yaml --resume               go on, also with what the file has more by now
   freemesh study mine --add seeds=4,5 --add env_steps=800000
+  freemesh study algorithms --records docs/studies     what is recorded there is not trained again
   freemesh report algorithms                      its figures and tables
 
 A study is one YAML file; those that ship are in tune_configs. Trials run side by side, as many as the machine has
@@ -49,6 +51,11 @@ def add(commands: Any) -> None:
         "--add", action="append", default=[], metavar="KEY=VALUE",
         help="go on with more: seeds=4,5, more_seeds='{LABEL: [6, 7]}', domains=D4, expects='A > B', "
         "variants='{LABEL: {KEY: VALUE}}', trials=N or env_steps=N more; repeatable",
+    )  # fmt: skip
+    study.add_argument(
+        "--records", action="append", default=[], metavar="FILE",
+        help="records.parquet of a report, or a folder that holds some: a training in it, of the same settings, seed, "
+        "steps and source, counts as finished; repeatable",
     )  # fmt: skip
     study.add_argument("--dry-run", action="store_true", help="print the trials and stop")
     study.add_argument("--smoke", action="store_true", help="the whole path with tiny trainings")
@@ -75,11 +82,13 @@ def run(options: argparse.Namespace) -> int:
         study = load(options.study, options.set, smoke=options.smoke)
     if options.dry_run:
         check(study)
-        say(_trials(study))
+        say(_trials(study, options.records))
         return 0
 
     try:
-        result = run_study(study, callbacks=(), resume=options.resume or bool(options.add), note=say)
+        result = run_study(
+            study, callbacks=(), resume=options.resume or bool(options.add), note=say, records=options.records
+        )
     except KeyboardInterrupt:
         sets = [word for setting in options.set for word in ("--set", setting)]
         again = ["study", options.study, *sets, *(["--smoke"] if options.smoke else []), "--resume"]
@@ -94,10 +103,13 @@ def _row(study: Study) -> list[str]:
     return [study.name, str(study.trainings()), compared]
 
 
-def _trials(study: Study) -> str:
-    """The trials, one a line, with what they differ in."""
+def _trials(study: Study, places: Sequence[str]) -> str:
+    """The trials, one a line, with what they differ in; those in records at these places are marked."""
     from freemesh_ray.config import dump, values
     from freemesh_ray.studies.runner import planned
+    from freemesh_ray.studies.uptake import read
+
+    recorded = read(places)
 
     folder, _, records = planned(study)
     common = dump(study.tree()["settings"]).rstrip() if study.tree()["settings"] else "the defaults"
@@ -114,7 +126,9 @@ def _trials(study: Study) -> str:
     rows = []
     for record in records:
         differs = ", ".join(f"{key}={value}" for key, value in values(study.variants[record.label]).items())
-        rows.append([record.name, Path(record.run).name, record.status, differs or "-"])
+        run = Path(record.run).name
+        status = "in records" if record.status == "pending" and run in recorded else record.status
+        rows.append([record.name, run, status, differs or "-"])
     return "\n".join([*lines, table(["trial", "run", "status", "settings"], rows, left=(0, 1, 2, 3))])
 
 

@@ -11,7 +11,7 @@ from freemesh_ray.formatting.csv_text import csv_text
 from freemesh_ray.report.comparisons import Comparison
 from freemesh_ray.report.outcomes import Outcome
 from freemesh_ray.report.transfer import Transfer
-from freemesh_ray.report.variants import FINALS, VariantResult
+from freemesh_ray.report.variants import COMPLETED, FINALS, VariantResult
 from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.storage.atomic import replacing
 
@@ -39,15 +39,18 @@ def curves(path: Path, variants: Sequence[VariantResult]) -> Path:
 
 
 def finals(path: Path, variants: Sequence[VariantResult], threshold: float) -> Path:
-    """Write every trial's final figures and when it reached the threshold."""
+    """Write every trial's final figures and when it reached the threshold, and a completion rate."""
     rows = []
     for variant in variants:
         _, reached = variant.steps_to(threshold)
-        areas = variant.mean_over_training().tolist()
+        areas, completed = variant.mean_over_training().tolist(), variant.to_completion()
         for i, trial in enumerate(variant.used):
             last = [float(variant.finals[metric][i]) for metric in FINALS]
-            rows.append([variant.label, trial.seed, trial.status, trial.env_steps, *last, areas[i], reached[i]])
-    header = ["variant", "seed", "status", "env_steps", *FINALS, "mean_return_over_training", f"steps_to_{threshold:g}"]
+            rows.append(
+                [variant.label, trial.seed, trial.status, trial.env_steps, *last, areas[i], reached[i], *completed[i]]
+            )
+    header = ["variant", "seed", "status", "env_steps", *FINALS, "mean_return_over_training", f"steps_to_{threshold:g}",
+              f"steps_to_completion_{COMPLETED:g}", f"seconds_to_completion_{COMPLETED:g}"]  # fmt: skip
     return write(path, header, rows)
 
 

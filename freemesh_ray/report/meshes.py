@@ -13,45 +13,67 @@ from freemesh_ray.formatting.markdown import escaped
 from freemesh_ray.plots import caption
 from freemesh_ray.policies.evaluation import run_episodes
 from freemesh_ray.policies.policy import Policy
+from freemesh_ray.records.measured import Measured, as_recorded
 from freemesh_ray.report import mesh_picture
 from freemesh_ray.report.sections import Picture
 from freemesh_ray.report.transfer import SEED, Transfer, load_domains
 from freemesh_ray.report.variants import VariantResult
 
+#: Domain -> variant's label, seed -> mesh.
+Cut = dict[str, dict[tuple[str, int], Mesh]]
 
-def draw(
-    folder: Path, variants: Sequence[VariantResult], evaluated: Transfer, domains: Sequence[str]
-) -> dict[str, dict[str, str]]:
-    """Cut every mesh and write its picture.
+
+def of_best(variants: Sequence[VariantResult], evaluated: Transfer, domains: Sequence[str]) -> Cut:
+    """The mesh of every domain by each variant's best policy: cut now, or when it was recorded.
 
     Args:
-        folder: that they are written to.
         variants: of the study.
-        evaluated: with their policies.
+        evaluated: with their policies, or records of them.
         domains: as the study names them.
 
     Returns:
-        Domain -> file's name -> description; empty without policies or domains.
+        As records keep them; empty without policies or domains.
     """
-    chosen = {variant.label: best_seed(variant, evaluated.policies) for variant in variants}
-    best = {label: seed for label, seed in chosen.items() if seed is not None}
-    found: dict[str, dict[str, str]] = {}
-    entries = load_domains(domains)[0] if best else {}
-    for i, (name, entry) in enumerate(entries.items(), start=1):
-        found[name] = {}
-        for j, (label, seed) in enumerate(best.items(), start=1):
-            mesh, title = cut(evaluated.policies[label, seed], entry), f"{label}, seed {seed}"
-            file = f"mesh-{i}-{j}.svg"
+    chosen = {variant.label: best_seed(variant, evaluated) for variant in variants}
+    best = [(label, seed) for label, seed in chosen.items() if seed is not None]
+    entries = load_domains(domains)[0] if any(key in evaluated.policies for key in best) else {}
+    return {
+        name: {
+            key: as_recorded(cut(evaluated.policies[key], entries[name]))
+            if key in evaluated.policies
+            else evaluated.measured[key].meshes[name]
+            for key in best
+        }
+        for name in (evaluated.domains if best else [])
+    }
+
+
+def draw(folder: Path, found: Cut) -> dict[str, dict[str, str]]:
+    """Write the picture of every mesh into a folder: domain -> file's name -> description."""
+    told: dict[str, dict[str, str]] = {}
+    for i, (name, meshes) in enumerate(found.items(), start=1):
+        told[name] = {}
+        for j, ((label, seed), mesh) in enumerate(meshes.items(), start=1):
+            title, file = f"{label}, seed {seed}", f"mesh-{i}-{j}.svg"
             mesh_picture.write(folder / file, mesh, title)
-            found[name][file] = f"mesh of {name} by {title}: {'; '.join(caption(mesh).splitlines())}"
-    return found
+            told[name][file] = f"mesh of {name} by {title}: {'; '.join(caption(mesh).splitlines())}"
+    return told
 
 
-def best_seed(variant: VariantResult, policies: Mapping[tuple[str, int], Policy]) -> int | None:
-    """The seed with the highest final metric among those that left a policy; None without any."""
+def best_seed(variant: VariantResult, evaluated: Transfer) -> int | None:
+    """The seed with the highest final metric among those whose policy, or whose meshes, are there; None without any."""
+    there = {
+        *evaluated.policies,
+        *(key for key, measured in evaluated.measured.items() if complete(measured, evaluated)),
+    }
     scored = zip(variant.finals[variant.metric], variant.used, strict=True)
-    known = [(score, trial.seed) for score, trial in scored if (variant.label, trial.seed) in policies]
+    known = [(score, trial.seed) for score, trial in scored if (variant.label, trial.seed) in there]
     return max(known, key=lambda one: (one[0] == one[0], one[0]))[1] if known else None
+
+
+def complete(measured: Measured, evaluated: Transfer) -> bool:
+    """Whether records have a mesh of every domain."""
+    return all(name in measured.meshes for name in evaluated.domains)
 
 
 def cut(policy: Policy, entry: Source) -> Mesh:

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from envs.types import Floats
-from freemesh_ray.config import ConfigError, flatten, read_plain
-from freemesh_ray.studies.definition import Study
+from freemesh_ray.config import ConfigError, composed, flatten, plain, read_plain
+from freemesh_ray.records import measured_file, parquet_file
+from freemesh_ray.records.measured import Measured
+from freemesh_ray.records.study_records import RecordsError, StudyRecords, Training
+from freemesh_ray.storage.json_file import read_json
+from freemesh_ray.studies.definition import Study, load
+from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import default_point, point
-from freemesh_ray.studies.study_folder import StudyError, StudyFolder, TrialRecord
+from freemesh_ray.studies.study_folder import STATUSES, StudyError, StudyFolder, TrialRecord
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,8 @@ class TrialResult:
         default: whether a search gave it the study's own settings.
         config: dotted key -> value of its resolved configuration; empty when there is none.
         evaluations: figures of each, in the order of their steps.
+        updates: gradient updates at its end; None where that is not known.
+        measured: of its best policy, from records: the policy itself is not at hand.
     """
 
     label: str
@@ -44,6 +51,8 @@ class TrialResult:
     default: bool = False
     config: Mapping[str, Any] = field(default_factory=dict)
     evaluations: Sequence[Mapping[str, Any]] = ()
+    updates: int | None = None
+    measured: Measured | None = None
 
     @property
     def finished(self) -> bool:
@@ -86,10 +95,20 @@ class Results:
     Attributes:
         study: as it was begun.
         trials: all of them, in the study's order.
+        source: package -> digest of the code, or version, that trained; empty where that is not known.
+        records: what they were read from, where it was no study's folder.
+        preface: what the report says of where they come from, in Markdown; empty of one study.
+        folder: of the study; None where they are of no study's folder.
+        single: whether they are a single training's, which no study has.
     """
 
     study: Study
     trials: Sequence[TrialResult]
+    source: Mapping[str, str] = field(default_factory=dict)
+    records: StudyRecords | None = None
+    preface: str = ""
+    folder: Path | None = None
+    single: bool = False
 
     @property
     def labels(self) -> list[str]:
@@ -118,7 +137,49 @@ def read(path: Path) -> Results:
     if not records:
         raise StudyError(f"{folder.trials}: no trial yet: begin with `freemesh study {study.name}`")
     own = default_point(study) if study.search else None
-    return Results(study, [_trial(folder, record, point(record.settings or {}) == own) for record in records])
+    trials = [_trial(folder, record, point(record.settings or {}) == own) for record in records]
+    return Results(study, trials, _source(folder.source), folder=path)
+
+
+def from_records(path: Path) -> Results:
+    """The results in a records file.
+
+    Raises:
+        RecordsError: it is none, or damaged.
+        ConfigError: the study in it is none.
+    """
+    records = parquet_file.read(path)
+    place = f"{path}, its study"
+    tree = plain(node, place) if (node := composed(records.study, place)) is not None else None
+    if not isinstance(tree, Mapping) or not is_name(records.name):
+        raise RecordsError(f"{path}: holds no study: take another copy")
+    study = replace(load(tree, beside=False), name=records.name)
+    own = default_point(study) if study.search else None
+    trials = [_recorded(each, path, point(each.drawn) == own) for each in records.trainings]
+    if not trials or not {trial.status for trial in trials} <= set(STATUSES):
+        raise RecordsError(f"{path}: holds no trial, or one in an unknown state: take another copy")
+    return Results(study, trials, records.source, records)
+
+
+def is_name(text: str) -> bool:
+    """Whether a study of records may be called so: files are named after it."""
+    return text.isprintable() and text == Path(text).name and 0 < len(text) <= 100 and not text.startswith(".")
+
+
+def _recorded(training: Training, path: Path, default: bool) -> TrialResult:
+    policy = path.parent / "nowhere" / training.run.replace("/", "-") / "policy.npz"
+    return TrialResult(
+        training.label, training.seed, training.run, policy, training.status, training.error, training.drawn, default,
+        training.settings, training.evaluations, training.updates, training.measured,
+    )  # fmt: skip
+
+
+def _source(path: Path) -> dict[str, str]:
+    try:
+        found = read_json(path)
+    except (OSError, ValueError):
+        return {}
+    return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
 
 
 def _trial(folder: StudyFolder, record: TrialRecord, default: bool) -> TrialResult:
@@ -127,6 +188,7 @@ def _trial(folder: StudyFolder, record: TrialRecord, default: bool) -> TrialResu
         config = flatten(read_plain(run.config))
     except (AttributeError, ConfigError):
         config = {}
+    updates = (finished(run) or {}).get("updates")
     return TrialResult(
         record.label,
         record.seed,
@@ -138,4 +200,6 @@ def _trial(folder: StudyFolder, record: TrialRecord, default: bool) -> TrialResu
         default,
         config,
         run.read_evaluations(),
+        updates if isinstance(updates, int) else None,
+        None if run.policy.is_file() else measured_file.read(run.path),
     )

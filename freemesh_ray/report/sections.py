@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,13 +14,12 @@ from freemesh_ray.config import Layer
 from freemesh_ray.formatting.markdown import bold, code, escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, MODES, QUALITY, RETURN, STOCHASTIC_RETURN
-from freemesh_ray.policies.policy import Policy
 from freemesh_ray.report.comparisons import Comparison
 from freemesh_ray.report.formats import bracketed, count, hours, span, spread, thousands
 from freemesh_ray.report.machine import machine
 from freemesh_ray.report.results import Results, TrialResult, number
 from freemesh_ray.report.transfer import Transfer
-from freemesh_ray.report.variants import SHARES, VariantResult, iqm_interval, return_threshold
+from freemesh_ray.report.variants import COMPLETED, SHARES, VariantResult, iqm_interval, return_threshold
 
 #: From a picture's name and description to its place in the text.
 Picture = Callable[[str, str], str]
@@ -52,8 +51,8 @@ def probability(comparison: Comparison) -> str:
     return bracketed(comparison.by_final, ".2f", max(comparison.runs))
 
 
-def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -> str:
-    """Trials, budget, machine and source."""
+def what_was_run(results: Results, commits: Iterable[str]) -> str:
+    """Trials, budget, machine and source, of so many commits."""
     trials = results.trials
     done = sum(trial.finished for trial in trials)
     lines = [f"{count(len(trials), 'trial')}, {done} of them finished"]
@@ -68,11 +67,13 @@ def what_was_run(results: Results, policies: Mapping[tuple[str, int], Policy]) -
         lines.append(f"evaluated every {span(min(interval), max(interval), ',.0f')} env steps")
     if seconds := sum(trial.seconds for trial in trials):
         lines.append(f"{hours(seconds)} of training, summed over the trials")
-    if commits := sorted(
-        {str(policy.about.get("mlflow.source.git.commit", "")) for policy in policies.values()} - {""}
-    ):
-        lines.append(f"source: commit {escaped(', '.join(map(short, commits)))}")
-    lines.append(f"this report was made on {machine()}")
+    if known := sorted(set(commits)):
+        lines.append(f"source: commit {escaped(', '.join(map(short, known)))}")
+    if measured := sum(trial.measured is not None for trial in trials):
+        told = "its policy" if measured == 1 else "their policies"
+        lines.append(f"{count(measured, 'trial')} from records, without {told}")
+    recorded = f", of records that were made on {escaped(results.records.machine)}" if results.records else ""
+    lines.append(f"this report was made on {machine()}{recorded}")
     return "## What was run\n\n" + "\n".join(f"- {line}" for line in lines)
 
 
@@ -102,7 +103,8 @@ def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
     """The learning curves and the table of their ends."""
     threshold = return_threshold(variants)
     header = ["variant", "seeds", "final return", "IQM [95 %]", "stochastic", "mean over training",
-              "completed", "eta", "elements", f"steps to {threshold:.1f}"]  # fmt: skip
+              "completed", "eta", "elements", f"steps to {threshold:.1f}",
+              f"steps to {COMPLETED:.0%} completed", "time"]  # fmt: skip
     rows = [
         [
             mark(variant),
@@ -115,6 +117,7 @@ def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
             spread(variant.finals[QUALITY], ".3f"),
             spread(variant.finals[ELEMENTS], ".0f"),
             reached(variant, threshold),
+            *completed(variant),
         ]
         for variant in variants
     ]
@@ -128,8 +131,24 @@ def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
         "final figure is the mean of its evaluations in the last tenth of its training. IQM: interquartile mean over "
         "seeds, with its 95 % interval (one seed has none). Steps: until the IQM curve reaches a return of "
         f"{threshold:.1f}, half the best variant's final IQM (where that is not above 0: midway to it from the first "
-        f"evaluations); in brackets the seeds that do and when.{partly}"
+        f"evaluations); in brackets the seeds that do and when. Steps and time to {COMPLETED:.0%} completed: until a "
+        "seed's curve first reaches this completion rate, the median over seeds, those that never do counted as the "
+        f"longest; in brackets how many do.{partly}"
     )
+
+
+def completed(variant: VariantResult) -> list[str]:
+    """When a variant's seeds first complete nearly all episodes: steps and time, medians over seeds."""
+    if not variant.used:
+        return ["-", "-"]
+    found = variant.to_completion()
+    known = sum(math.isfinite(steps) for steps, _ in found)
+    steps, seconds = (float(np.median(each)) for each in zip(*found, strict=True))
+    share = f" ({known} of {len(found)})" if len(found) > 1 else ""
+    return [
+        f"{thousands(steps) if math.isfinite(steps) else 'never'}{share}",
+        hours(seconds) if math.isfinite(seconds) else "-",
+    ]
 
 
 def mark(variant: VariantResult) -> str:
@@ -152,7 +171,7 @@ def reached(variant: VariantResult, threshold: float) -> str:
 def domains(variants: Sequence[VariantResult], transfer: Transfer, episodes: int, picture: Picture) -> str:
     """Every policy on every domain."""
     parts = [f"## Every policy on {count(len(transfer.domains), 'domain')}"]
-    if transfer.domains and transfer.policies:
+    if transfer.figures:
         parts.append(picture("profile", "share of runs and domains above a score"))
         parts += [domain_table(variants, transfer, mode) for mode in MODES]
         parts.append(

@@ -9,27 +9,33 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
 from envs.errors import UserError
 from envs.printable import printable
 from freemesh_ray.formatting.markdown import Markdown, escaped
 from freemesh_ray.formatting.table import markdown
+from freemesh_ray.records.schema import FILE
 from freemesh_ray.report import EPISODES, html_page
 from freemesh_ray.report.formats import count, span
 from freemesh_ray.report.meshes import described
-from freemesh_ray.report.report import write as write_report
-from freemesh_ray.report.results import Results, read
+from freemesh_ray.report.recording import newest
+from freemesh_ray.report.report import write_results
+from freemesh_ray.report.results import Results, from_records, read
 from freemesh_ray.statistics.verdict import Verdict
 from freemesh_ray.storage.atomic import OutputError, replacing
 from freemesh_ray.studies.study_folder import StudyError, StudyFolder
 
 #: Where a site's pages of studies lie.
 PAGES = "studies"
+#: Files of which a study's folder has one at least.
+BEGUN = ("study.yaml", "trials.json")
 
 
 @dataclass(frozen=True)
@@ -48,13 +54,19 @@ class Site:
 
 
 def write(
-    studies: Path, site: Path, *, episodes: int = EPISODES, note: Callable[[str], None] = lambda line: None
+    studies: Path,
+    site: Path,
+    *,
+    records: Path | None = None,
+    episodes: int = EPISODES,
+    note: Callable[[str], None] = lambda line: None,
 ) -> Site:
     """Write the report of every study, and the site of all; pages of studies that are gone are removed, nothing else.
 
     Args:
         studies: folder of the studies.
         site: folder of the site; made where it is missing.
+        records: folder of documents with records of studies, NAME/records.parquet; of two of a name the study counts.
         episodes: of each policy on each domain, see `report.write`.
         note: called with a line of progress.
 
@@ -62,41 +74,61 @@ def write(
         StudyError: there is no study.
         OutputError: a place of the site cannot be written to, or holds a page that is not the site's.
     """
-    names = sorted(
-        path.name for path in _entries(studies) if any((path / name).exists() for name in ("study.yaml", "trials.json"))
-    )
-    if not names:
+    own = {path.name: path for path in _entries(studies) if any((path / name).exists() for name in BEGUN)}
+    found = {path.name: path / FILE for path in _entries(records) if (path / FILE).exists()} if records else {}
+    places = dict(sorted({**found, **own}.items()))
+    if not places:
         raise StudyError(f"{studies}: no study in it: `freemesh study NAME` begins one")
-    index, pages = site / "index.html", {name: site / PAGES / f"{name}.html" for name in names}
+    index, pages = site / "index.html", {name: site / PAGES / f"{name}.html" for name in places}
     for path, name in [(index, ""), *((path, name) for name, path in pages.items())]:
         if path.exists() and not _own(path, name):
             raise OutputError(f"{path}: is not a page of this site: move it, or name another folder")
     rows: list[list[str]] = []
     unreadable: dict[str, str] = {}
-    for name in names:
+    for name, place in places.items():
 
         def told(line: str, of: str = name) -> None:
             note(f"{of}: {line}")
 
         try:
-            if not (definition := StudyFolder(studies / name).definition).is_file():
-                raise StudyError(f"{definition}: no such file")
-            results = read(studies / name)
-            report = write_report(studies / name, episodes=episodes, note=told)
-            text = report.read_text(encoding="utf-8")
-            page = html_page.page(text, report.parent, generator=_generator(name), home="../index.html")
+            line, page = page_of(name, place, episodes, told)
         except UserError as error:
-            unreadable[name] = str(error).replace(f"{studies}/", "").replace(str(studies), studies.name)
+            above = place.parent if name in own else place.parents[1]
+            unreadable[name] = str(error).replace(f"{above}/", "").replace(str(above), above.name)
             told(unreadable[name])
             continue
         _write(pages[name], page)
-        rows.append(row(results, studies / name, f"{PAGES}/{quote(name)}.html"))
+        rows.append(line)
     made = {name: path for name, path in pages.items() if name not in unreadable}
     _write(index, html_page.page(text_of_index(rows, unreadable), site, generator=_generator(""), layout="index"))
     for path in _entries(site / PAGES):
         if path.suffix == ".html" and path.stem not in made and _own(path, path.stem):
             path.unlink()
     return Site(index, made, unreadable)
+
+
+def page_of(name: str, place: Path, episodes: int, note: Callable[[str], None]) -> tuple[list[str], str]:
+    """A study's line of the index and its page.
+
+    Args:
+        name: of the page.
+        place: folder of a study, whose report is written into it, or a records file.
+        episodes, note: see `write`.
+
+    Raises:
+        UserError: it cannot be read, or its report cannot be written.
+    """
+    with ExitStack() as stack:
+        if place.is_dir():
+            if not (definition := StudyFolder(place).definition).is_file():
+                raise StudyError(f"{definition}: no such file")
+            results, out = read(place), StudyFolder(place).report
+        else:
+            results, out = from_records(place), Path(stack.enter_context(TemporaryDirectory(prefix="freemesh-")))
+        report = write_results(results, out, episodes=episodes, note=note)
+        text = report.read_text(encoding="utf-8")
+        page = html_page.page(text, out, generator=_generator(name), home="../index.html")
+        return row(results, out, f"{PAGES}/{quote(name)}.html", date(results, place)), page
 
 
 def text_of_index(rows: Sequence[Sequence[str]], unreadable: Mapping[str, str]) -> str:
@@ -111,18 +143,18 @@ def text_of_index(rows: Sequence[Sequence[str]], unreadable: Mapping[str, str]) 
     return "\n\n".join(parts) + "\n"
 
 
-def row(results: Results, folder: Path, address: str) -> list[str]:
-    """A study's line of the index."""
+def row(results: Results, report: Path, address: str, day: str) -> list[str]:
+    """A study's line of the index: of its report's folder, the address of its page and its day."""
     study, trials = results.study, results.trials
     seeds = len({trial.seed for trial in trials})
     steps = [trial.env_steps for trial in trials if trial.finished] or [trial.env_steps for trial in trials]
     return [
         Markdown(f"[{described(study.title)}](<{address}>)"),
         studied(results),
-        verdicts(results, folder),
+        verdicts(results, report),
         str(seeds),
         span(min(steps) // 1000, max(steps) // 1000, ",d") + "k",
-        date(results, folder),
+        day,
     ]
 
 
@@ -136,11 +168,11 @@ def studied(results: Results) -> str:
     return f"{told}; on {', '.join(study.domains)}" if study.domains else told
 
 
-def verdicts(results: Results, folder: Path) -> str:
+def verdicts(results: Results, report: Path) -> str:
     """How many expectations got each verdict, as the report that was just written has them."""
     found: list[str] = []
     if results.study.expects:
-        with open(StudyFolder(folder).report / "expectations.csv", encoding="utf-8", newline="") as file:
+        with open(report / "expectations.csv", encoding="utf-8", newline="") as file:
             found = [line["verdict"] for line in csv.DictReader(file)]
     tally = Counter(found)
     told = ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said]) or "-"
@@ -150,11 +182,13 @@ def verdicts(results: Results, folder: Path) -> str:
     return f"{told}; not finished yet: {over} of {count(len(results.trials), 'trial')}"
 
 
-def date(results: Results, folder: Path) -> str:
-    """The day of the newest result, in UTC."""
-    files = [StudyFolder(folder).trials, *(trial.policy.with_name("evaluations.jsonl") for trial in results.trials)]
-    newest = max((path.stat().st_mtime for path in files if path.is_file()), default=0.0)
-    return datetime.fromtimestamp(newest, UTC).strftime("%Y-%m-%d")
+def date(results: Results, place: Path) -> str:
+    """The day of the newest result, in UTC: of a study's folder, or as its records say."""
+    if results.records is not None:
+        return results.records.date or "-"
+    known = newest(results)
+    listed = StudyFolder(place).trials.stat().st_mtime
+    return max(known, datetime.fromtimestamp(listed, UTC).strftime("%Y-%m-%d"))
 
 
 def _generator(name: str) -> str:

@@ -18,6 +18,8 @@ from freemesh_ray.statistics.curves import aligned, final_value, mean_over_train
 CURVES = (RETURN, STOCHASTIC_RETURN, COMPLETION)
 #: What rates and scores cannot leave.
 SHARES = (0.0, 1.0)
+#: The completion rate that counts as learnt.
+COMPLETED = 0.9
 #: Metrics that have a final value each.
 FINALS = (*CURVES, QUALITY, ELEMENTS)
 
@@ -87,6 +89,21 @@ class VariantResult:
         band = self.bands[RETURN]
         each = [steps_to(*trial.curve(RETURN), threshold) for trial in self.used]
         return steps_to(band.steps, band.iqm.value, threshold), each
+
+    def to_completion(self) -> list[tuple[float, float]]:
+        """Env steps and seconds until each seed's curve first reaches a completion rate of `COMPLETED`.
+
+        Infinite where it never does; the seconds NaN where they are not known.
+        """
+        found = []
+        for trial in self.used:
+            steps, rates = trial.curve(COMPLETION)
+            reached = steps_to(steps, rates, COMPLETED)
+            if reached is None:
+                found.append((math.inf, math.inf))
+            else:
+                found.append((reached, float(np.interp(reached, steps, trial.curve("seconds")[1]))))
+        return found
 
 
 def variant_results(results: Results) -> list[VariantResult]:

@@ -20,6 +20,7 @@ from typing import Any
 from ray import tune
 
 from freemesh_ray.config import flatten
+from freemesh_ray.records.study_records import Training
 from freemesh_ray.storage.lock import held, holder
 from freemesh_ray.studies import progress, search
 from freemesh_ray.studies.confirmation import confirmation_plan, draws, of_search, score
@@ -30,6 +31,7 @@ from freemesh_ray.studies.result import StudyResult, TrialResult, best_trial
 from freemesh_ray.studies.study_folder import OVER, StudyError, StudyFolder, TrialRecord
 from freemesh_ray.studies.trainable import TrialTrainable, resources
 from freemesh_ray.studies.training_source import training_source
+from freemesh_ray.studies.uptake import take_up
 from freemesh_ray.tracking import MLflowRun, share
 from freemesh_ray.training.callback import Callback
 from freemesh_ray.training.job import tags
@@ -96,6 +98,7 @@ def run(
     make: Callable[[Mapping[str, Any]], Algorithm],
     report: Callable[[Path], object] = lambda folder: None,
     callbacks: Sequence[Callback] = (),
+    recorded: Mapping[str, Training] | None = None,
     note: Callable[[str], None] = lambda line: None,
 ) -> StudyResult:
     """Run a study, or go on with it; Ray is up.
@@ -107,6 +110,7 @@ def run(
         make: the algorithm's factory.
         report: writes the report into the study's folder; its files are tracked.
         callbacks: of every trial's training, in its process.
+        recorded: trainings in records by the names of their run folders (`uptake.read`): they count as finished.
         note: called with lines of progress.
 
     Raises:
@@ -133,6 +137,7 @@ def run(
             enabled=tracking["enabled"],
         ) as parent:
             parent.artifact(folder.definition)
+            take_up_recorded(planned(study)[1], recorded, note)
             _, plan, records = planned(study)
             records = merged(records, folder.read(), folder.changed_source())
             folder.write(records)
@@ -141,13 +146,15 @@ def run(
             of_all = Phase(plan, folder.tune, study.trainings(), partial(of_search, study))
             train(study, folder, of_all, trainable, parent, note)
             if study.search and study.search.confirm:
-                confirm, records = confirmed(study, folder)
+                confirm, records = confirmed(study, folder, recorded, note)
                 folder.write(records)
                 note(confirming(study, confirm))
                 again = Phase(confirm, folder.tune_confirm, len(confirm.trials), partial(of_plan, confirm))
                 train(study, folder, again, trainable, parent, note)
             trials = [TrialResult.of(record, folder) for record in folder.read()]
             result = StudyResult(folder, trials, best_trial(trials, study.metric))
+            if told := without_policy(trials):
+                note(told)
             if result.best is not None:
                 register_best(parent, study, result.best)
             report(folder.path)
@@ -210,7 +217,33 @@ def of_plan(plan: VariantPlan, records: Sequence[TrialRecord]) -> list[TrialReco
     return [record for record in records if record.name in plan.trials]
 
 
-def confirmed(study: Study, folder: StudyFolder) -> tuple[VariantPlan, list[TrialRecord]]:
+def take_up_recorded(plan: Plan, recorded: Mapping[str, Training] | None, note: Callable[[str], None]) -> None:
+    """Open the recorded trainings of a plan into their run folders, and say how many match.
+
+    Raises:
+        InUseError: another process trains one.
+    """
+    if recorded is None:
+        return
+    if isinstance(plan, VariantPlan):
+        note(str(take_up(plan, recorded)))
+    else:
+        note("records: draws of a search are not taken up, as each depends on those before; what confirms them may be")
+
+
+def without_policy(trials: Sequence[TrialResult]) -> str:
+    """How many trainings that are over have no policy here, in a line; empty where all have one."""
+    over = [trial for trial in trials if trial.status == "finished"]
+    lacking = sum(not trial.folder.policy.is_file() for trial in over)
+    if not lacking:
+        return ""
+    best = "the best is chosen among the others" if lacking < len(over) else "no policy is registered"
+    return f"{lacking} of {len(over)} finished trainings are from records, without their policies: {best}"
+
+
+def confirmed(
+    study: Study, folder: StudyFolder, recorded: Mapping[str, Training] | None, note: Callable[[str], None]
+) -> tuple[VariantPlan, list[TrialRecord]]:
     """The trainings that confirm a search which is over, and all of the study's with them.
 
     Raises:
@@ -218,6 +251,8 @@ def confirmed(study: Study, folder: StudyFolder) -> tuple[VariantPlan, list[Tria
     """
     before = folder.read()
     plan = confirmation_plan(study, folder, before, training_source())
+    if plan.trials:
+        take_up_recorded(plan, recorded, note)
     again = merged(records_of(plan, folder), before, folder.changed_source()) if plan.trials else []
     return plan, [*(record for record in before if record.name not in plan.trials), *again]
 
@@ -272,8 +307,8 @@ def share_finished(
     if not tracking["enabled"] or parent is None:
         return
     for record in records:
-        if record.status == "finished":
-            trial = plan.trials[record.name]
+        trial = plan.trials[record.name]
+        if record.status == "finished" and trial.folder.policy.is_file():  # one from records was tracked elsewhere
             share(
                 trial.folder.path,
                 uri=tracking["uri"],
