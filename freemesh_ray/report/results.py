@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.errors import PluginError
 from envs.types import Floats
 from freemesh_ray.config import ConfigError, composed, flatten, plain, read_plain
 from freemesh_ray.records import measured_file, parquet_file
@@ -20,6 +22,9 @@ from freemesh_ray.studies.definition import Study, load
 from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import default_point, point
 from freemesh_ray.studies.study_folder import STATUSES, StudyError, StudyFolder, TrialRecord
+
+#: What makes a link, a picture or HTML of a text; the paper's tables have none.
+MARKUP = re.compile(r"[\[\]<`\\]")
 
 
 @dataclass(frozen=True)
@@ -145,17 +150,19 @@ def from_records(path: Path) -> Results:
     """The results in a records file.
 
     Raises:
-        RecordsError: it is none, or damaged.
-        ConfigError: the study in it is none.
+        RecordsError: it is none, or damaged, or names an algorithm that cannot be had here.
     """
     records = parquet_file.read(path)
-    place = f"{path}, its study"
-    tree = plain(node, place) if (node := composed(records.study, place)) is not None else None
-    if not isinstance(tree, Mapping) or not is_name(records.name):
-        raise RecordsError(f"{path}: holds no study: take another copy")
-    study = replace(load(tree, beside=False), name=records.name)
-    own = default_point(study) if study.search else None
-    trials = [_recorded(each, path, point(each.drawn) == own) for each in records.trainings]
+    try:
+        tree = plain(node, "study") if (node := composed(records.study, "study")) is not None else None
+        if not isinstance(tree, Mapping) or not is_name(records.name) or MARKUP.search(records.paper_table):
+            raise RecordsError(f"{path}: holds no study: take another copy")
+        study = replace(load(tree, beside=False), name=records.name)
+    except (ConfigError, PluginError) as error:
+        raise RecordsError(f"{path}: its study cannot be read here ({error}): take another copy") from error
+    usual = default_point(study) if study.search else None
+    own = None if usual is None else flatten({key: _plain(value) for key, value in usual.items()})
+    trials = [_recorded(each, path, each.drawn == own) for each in records.trainings]
     if not trials or not {trial.status for trial in trials} <= set(STATUSES):
         raise RecordsError(f"{path}: holds no trial, or one in an unknown state: take another copy")
     return Results(study, trials, records.source, records)
@@ -164,6 +171,10 @@ def from_records(path: Path) -> Results:
 def is_name(text: str) -> bool:
     """Whether a study of records may be called so: files are named after it."""
     return text.isprintable() and text == Path(text).name and 0 < len(text) <= 100 and not text.startswith(".")
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _recorded(training: Training, path: Path, default: bool) -> TrialResult:
