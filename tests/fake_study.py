@@ -1,4 +1,4 @@
-"""A study of an algorithm that learns nothing, fast: ``python fake_study.py STUDY.yaml [--resume]``.
+"""A study of an algorithm that learns nothing, fast: ``python fake_study.py STUDY.yaml [--resume] [RECORDS ...]``.
 
 Every beginning, every restored checkpoint and every failure is a line in the file that FAKE_LOG names. With
 FAKE_COMPLETION evaluations say that so great a share of the meshes was completed.
@@ -77,11 +77,14 @@ class Fake:
 
 def main(file: str, *options: str) -> None:
     from freemesh_ray.local_ray import local_ray
+    from freemesh_ray.studies import uptake
     from freemesh_ray.studies.definition import load as load_study
     from freemesh_ray.studies.runner import run
 
+    places = [option for option in options if option != "--resume"]
+    recorded = uptake.read(places) if places else None
     with local_ray(1):
-        run(load_study(file), resume="--resume" in options, make=Fake, note=print)
+        run(load_study(file), resume="--resume" in options, make=Fake, recorded=recorded, note=print)
 
 
 if __name__ == "__main__":

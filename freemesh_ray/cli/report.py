@@ -23,7 +23,7 @@ examples:
   freemesh report algorithms
   freemesh report algorithms --docs docs/studies      also as docs/studies/algorithms/README.md, with its records
   freemesh report --from docs/studies/algorithms/records.parquet
-  freemesh report algorithms docs/studies/learner runs/default      their variants in one report
+  freemesh report algorithms updates runs/default      their variants in one report
   freemesh report --site docs/site                    all studies as a static site, with an index
 
 Works while the study is under way, and says so.

@@ -14,6 +14,7 @@ from freemesh_ray.config import Layer
 from freemesh_ray.formatting.markdown import bold, code, escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, MODES, QUALITY, RETURN, STOCHASTIC_RETURN
+from freemesh_ray.records.schema import FILE
 from freemesh_ray.report.comparisons import Comparison
 from freemesh_ray.report.formats import bracketed, count, hours, span, spread, thousands
 from freemesh_ray.report.machine import machine
@@ -72,6 +73,8 @@ def what_was_run(results: Results, commits: Iterable[str]) -> str:
     if measured := sum(trial.measured is not None for trial in trials):
         told = "its policy" if measured == 1 else "their policies"
         lines.append(f"{count(measured, 'trial')} from records, without {told}")
+    if not results.preface:
+        lines.append(f"all of it is in {code(FILE)}: {code(f'freemesh report --from {FILE}')} makes this report anew")
     recorded = f", of records that were made on {escaped(results.records.machine)}" if results.records else ""
     lines.append(f"this report was made on {machine()}{recorded}")
     return "## What was run\n\n" + "\n".join(f"- {line}" for line in lines)

@@ -190,7 +190,7 @@ CHECKS: list[tuple[str, Check]] = [
     (r"\.venv/bin/freemesh sync runs/default", is_run_after_training),
     (r"\.venv/bin/freemesh serve", is_served),
     (r"\.venv/bin/freemesh submit .*", is_dry),
-    (r"\.venv/bin/freemesh (train .*|bench|study \w+ --add .*|report --site \S+)", is_understood),
+    (r"\.venv/bin/freemesh (train .*|bench|study \w+ --(add|records) .*|report (--|\w+ ).*)", is_understood),
     (r"curl .*", is_answered),
     (r"([A-Z_]+=\S+ )?\.venv/bin/(mlflow|ray) .*|ray .*", is_understood),
     (r"\(umask .*|set -a; .*", runs),

@@ -197,3 +197,12 @@ def test_hostile_records_are_one_line(study: Path, tmp_path: Path, change: dict[
         from_records(path)
     assert "\n" not in str(error.value)
     assert str(path) in str(error.value)
+
+
+def test_the_paper_s_table_is_recorded(tmp_path: Path) -> None:
+    sets = {"dense": {"env.upsilon": 0.5}, "medium": {"env.upsilon": 1.0}}
+    folder = algorithms(tmp_path / "density", {"dense": (60.0, 3e4), "medium": (50.0, 3e4)}, [1], domains=[], sets=sets)
+    before = write(folder)
+    again = write_results(from_records(before.parent / FILE), tmp_path / "again")
+    assert "## The paper's table" in before.read_text()
+    assert MADE.sub("", again.read_text()) == MADE.sub("", before.read_text())

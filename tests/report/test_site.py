@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 from urllib.parse import unquote
@@ -11,6 +12,7 @@ import yaml
 
 from envs.errors import BAD_INPUT, FAILED
 from freemesh_ray.cli.command import main
+from freemesh_ray.report.report import write as write_report
 from freemesh_ray.report.site import write
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.studies.study_folder import StudyError
@@ -100,6 +102,28 @@ def test_a_study_that_cannot_be_read_is_listed_and_fails_the_command(
     assert str(tmp_path) not in told
     assert not (tmp_path / "site" / "studies" / "first.html").exists()
     assert len(page.tables[0]) == 2
+
+
+def test_records_of_documents_are_studies_too(studies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As a clean clone has them; where the study itself is there, too, it counts."""
+    monkeypatch.chdir(tmp_path)
+    before = write(studies, tmp_path / "before").index.read_text()
+    for name in ("first", "a <b> & %41#?"):
+        write_report(studies / name, docs=tmp_path / "docs" / "studies")
+    os.utime(tmp_path / "docs" / "studies" / "first" / "records.parquet", (0, 0))
+    shutil.rmtree(studies / "a <b> & %41#?")
+    (tmp_path / "docs" / "studies" / "broken").mkdir()
+    (tmp_path / "docs" / "studies" / "broken" / "records.parquet").write_bytes(b"PAR1")
+    assert main(["report", "--site", "site"]) == FAILED
+    page = Page((tmp_path / "site" / "index.html").read_text())
+    assert page.tables[0][1:] == Page(before).tables[0][1:]
+    (told,) = [line for line in page.said["li"] if line.strip()]
+    assert told.startswith("broken/records.parquet: holds no records of a study")
+    assert "A > B" in (tmp_path / "site" / "studies" / "a <b> & %41#?.html").read_text().replace("&gt;", ">")
+    assert sorted(path.name for path in studies.iterdir()) == ["first", "notes"]
+    (tmp_path / "docs" / "studies" / "broken" / "records.parquet").unlink()
+    shutil.rmtree(studies)
+    assert main(["report", "--site", "site"]) == 0
 
 
 def test_a_folder_without_its_definition_is_told_as_such(studies: Path, tmp_path: Path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -18,6 +19,7 @@ import pytest
 import yaml
 from process_tree import running
 
+from freemesh_ray.report.report import write
 from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.study_folder import StudyFolder
 from freemesh_ray.tracking import store, sync
@@ -109,6 +111,34 @@ def test_what_a_study_has_trained_no_other_trains_again_and_a_failure_sinks_neit
     later = Counter(log(tmp_path))
     assert later["begin 256/1"] == 1  # not again
     assert later["fail 13/1"] == 3  # tried, and tried again twice
+
+
+def test_what_is_recorded_is_not_trained_again(tmp_path: Path) -> None:
+    """On another machine, whose study has one more seed."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    there.mkdir()
+    here.mkdir()
+    variants = {"small": {"learner.batch_size": 8}, "usual": None}
+    run(written(there, "first", {"variants": variants, "seeds": [1, 2]}))
+    place = there / "studies" / "first"
+    write(place, episodes=2)
+    figures = evaluated(there, "first")
+    path = written(here, "first", {"variants": variants, "seeds": [1, 2, 3]})
+    output = run(path, str(place / "report"))
+    assert "4 trainings taken from records" in output
+    assert "6 trials of 600 env steps, 4 of them trained before" in output
+    assert "4 of 6 finished trainings are from records, without their policies: the best is chosen among the" in output
+    assert Counter(log(here)) == {f"begin {size}/3": 1 for size in (8, 256)}
+    assert set(statuses(here, "first").values()) == {"finished"}
+    assert evaluated(here, "first") == [figures[0]] * 6
+    write(here / "studies" / "first", episodes=2)
+    theirs, ours = (
+        list(csv.DictReader((each / "report" / "final.csv").open())) for each in (place, here / "studies/first")
+    )
+    for row in [*theirs, *ours]:  # the return to reach is half the best variant's, and another with more seeds
+        del row[next(key for key in row if re.fullmatch(r"steps_to_[-\d.]+", key))]
+    assert [row for row in ours if row["seed"] != "3"] == theirs
+    assert "0 trainings taken from records, 4 more of them were here already" in run(path, "--resume", str(place))
 
 
 def test_two_studies_at_once_train_what_both_need_once(tmp_path: Path, blank_database: Path) -> None:
