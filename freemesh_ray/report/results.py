@@ -24,7 +24,7 @@ from freemesh_ray.studies.plan import default_point, point
 from freemesh_ray.studies.study_folder import STATUSES, StudyError, StudyFolder, TrialRecord
 
 #: What makes a link, a picture or HTML of a text; the paper's tables have none.
-MARKUP = re.compile(r"[\[\]<`\\]")
+MARKUP = re.compile(r"[\[\]<`]")
 
 
 @dataclass(frozen=True)

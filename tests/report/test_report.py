@@ -294,6 +294,27 @@ def test_the_threshold_is_half_the_best_or_midway_to_it(small: Path):
     assert math.isnan(return_threshold([]))
 
 
+def test_steps_and_time_to_a_completion_rate_are_medians_with_how_many_reach_it(small: Path):
+    variants = {variant.label: variant for variant in variant_results(read(small))}
+    found = variants["A"].to_completion()
+    for trial, (steps, seconds) in zip(variants["A"].used, found, strict=True):
+        at, rates = trial.curve(COMPLETION)
+        first = int(np.flatnonzero(rates >= 0.9)[0])
+        assert at[first - 1] < steps <= at[first]
+        assert np.interp(steps, at, rates) == pytest.approx(0.9)
+        assert seconds == pytest.approx(steps / 300)
+    assert variants["B"].to_completion() == [(math.inf, math.inf)] * 3
+    text = write(small).read_text()
+    steps, seconds = np.median(found, axis=0)
+    row = next(row for row in cells(text, "A") if row[1] == "3 of 3")
+    assert row[-2:] == [f"{steps / 1000:.0f}k (3 of 3)", f"{seconds / 60:.0f} min"]
+    row = next(row for row in cells(text, "B") if row[1] == "3 of 3")
+    assert row[-2:] == ["never (0 of 3)", "-"]
+    (first, *_, last) = lines(small / "report" / "final.csv")
+    assert float(first["steps_to_completion_0.9"]) == found[0][0]
+    assert (last["steps_to_completion_0.9"], last["seconds_to_completion_0.9"]) == ("", "")
+
+
 def test_the_order_of_the_trials_changes_no_figure(small: Path):
     before = variant_results(read(small))
     path = small / "trials.json"
