@@ -109,7 +109,7 @@ def _try(path: Path, content: bytes) -> None:
     program = Path(__file__).with_name("trial_read.py")
     try:
         done = subprocess.run(
-            [sys.executable, "-I", str(program)], input=content, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            [sys.executable, "-P", str(program)], input=content, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
             env={**os.environ, **ENVIRONMENT}, check=False, timeout=MOST_SECONDS,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
