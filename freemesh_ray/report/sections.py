@@ -135,8 +135,8 @@ def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
         "seeds, with its 95 % interval (one seed has none). Steps: until the IQM curve reaches a return of "
         f"{threshold:.1f}, half the best variant's final IQM (where that is not above 0: midway to it from the first "
         "evaluations); in brackets the seeds that do and when. Steps and time to "
-        f"{100 * COMPLETED:.0f} % completed: until a seed's curve first reaches this completion rate, the median over seeds, those that never do counted as the "
-        f"longest; in brackets how many do.{partly}"
+        f"{100 * COMPLETED:.0f} % completed: until a seed's curve first reaches this completion rate, the median "
+        f"over seeds, those that never do counted as the longest; in brackets how many do.{partly}"
     )
 
 
