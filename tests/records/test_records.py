@@ -181,6 +181,6 @@ def test_little_that_stands_for_much_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "records.parquet"
     path.write_bytes(bomb())
     assert path.stat().st_size < 100_000
-    with pytest.raises(RecordsError, match="holds no records of a study, or damaged ones") as error:
+    with pytest.raises(RecordsError, match=r"damaged ones \((malloc|.*memory)") as error:
         read(path)
     assert "\n" not in str(error.value)
