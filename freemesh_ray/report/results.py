@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from envs.errors import PluginError
+from envs.printable import printable
 from envs.types import Floats
 from freemesh_ray.config import ConfigError, composed, flatten, plain, read_plain
 from freemesh_ray.records import measured_file, parquet_file
@@ -170,7 +171,7 @@ def from_records(path: Path) -> Results:
 
 def is_name(text: str) -> bool:
     """Whether a study of records may be called so: files are named after it."""
-    return text.isprintable() and text == Path(text).name and 0 < len(text) <= 100 and not text.startswith(".")
+    return text == printable(text) == Path(text).name and 0 < len(text) <= 100 and not text.startswith(".")
 
 
 def _plain(value: Any) -> Any:
