@@ -1,4 +1,7 @@
-"""Headless Chromium, driven through its DevTools protocol (https://chromedevtools.github.io/devtools-protocol/)."""
+"""Headless Chromium, driven through its DevTools protocol (https://chromedevtools.github.io/devtools-protocol/).
+
+``python tests/browser.py URL FILE.png [SECONDS]`` keeps what a page shows after so many seconds (15).
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ import asyncio
 import base64
 import shutil
 import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any, Self
@@ -99,3 +104,15 @@ class Browser:
                 if "error" in answer:
                     raise RuntimeError(answer["error"])
                 return answer["result"]
+
+
+def main(url: str, file: str, seconds: str = "15") -> None:
+    """A picture of a page."""
+    with tempfile.TemporaryDirectory() as profile, Browser(Path(profile)) as page:
+        page.open(url)
+        time.sleep(float(seconds))
+        page.screenshot(Path(file))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -94,11 +94,11 @@ def run(study: Study, callbacks: Sequence[Callback], resume: bool, note: Callabl
     with local_ray(processes, "--resume goes on from the last checkpoints"):
         from freemesh_ray.algorithms.build import build
         from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
-        from freemesh_ray.report.report import write
+        from freemesh_ray.api.report import at_end
         from freemesh_ray.studies import runner
 
         gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())
-        return runner.run(study, resume=resume, make=build, report=write, callbacks=callbacks, note=note)
+        return runner.run(study, resume=resume, make=build, report=at_end, callbacks=callbacks, note=note)
 
 
 def check(study: Study) -> None:

@@ -47,15 +47,17 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         StudyError, ConfigError, OutputError: what is wrong with the input.
     """
-    from freemesh_ray.report.report import write
-
     if options.site:
         return run_site(options)
+    from freemesh_ray.api.report import anew
+
     out, docs = (Path(folder) if folder else None for folder in (options.out, options.docs))
     folder = Paths.from_environment().home / options.studies / options.study
-    path = write(folder, out=out, docs=docs, episodes=options.episodes, note=note)
+    path, store = anew(folder, out=out, docs=docs, episodes=options.episodes, note=note)
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
         say(paths([shown(file)]))
+    for line in store:
+        note(line)
     return 0
 
 

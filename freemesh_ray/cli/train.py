@@ -94,5 +94,6 @@ def train_table(run: Run, config: Mapping[str, Any]) -> str:
     for folder in {path.parent: None for stage in run.stages for path in stage.files}:
         lines.append(f"meshes      {pasted(folder)}")
     if config["tracking"]["enabled"]:
-        lines.append(f"compare     {browsing(config['tracking']['uri'])}")
+        shown = enumerate(browsing(config["tracking"]["uri"], run.page))
+        lines += [f"{'' if i else 'compare':<11} {line}" for i, line in shown]
     return "\n".join(lines)

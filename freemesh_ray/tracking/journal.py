@@ -27,7 +27,7 @@ from pathlib import Path
 from freemesh_ray.storage import own_file
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.owner import Owner
-from freemesh_ray.tracking.events import ID, Event, is_id, parsed
+from freemesh_ray.tracking.events import ID, LAST, Event, is_id, parsed
 
 #: Seconds that a resumed run waits for its journal: another run that began at the same moment, as a study's trials do
 #: together, may hold it to mark it FAILED.
@@ -159,7 +159,7 @@ class Journal:
         of another machine may be at work, where locks do not hold among machines, unless it has said that it ended.
         """
         last, owner, here = self.last(), self.owner, Owner.here()
-        if last.get("kind") == "end":
+        if last.get("kind") in LAST:
             return True
         return owner is not None and (
             owner.same_boot(here) or owner.ended_with_machine(here, last.get("time", math.inf) / 1000)

@@ -30,6 +30,7 @@ from freemesh_ray.tracking.store import (
     mlflow_client,
     without_password,
 )
+from freemesh_ray.tracking.summary import Summary, record
 from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
 
 log = logging.getLogger(__name__)
@@ -120,6 +121,14 @@ class MLflowRun:
         """MLflow's id, None until the store was reached; `wait` for it where it is needed."""
         return self._uploader.journal.state.run_id if self._uploader else None
 
+    @property
+    def page(self) -> str | None:
+        """Where the store shows it, behind the store's address; None until the store was reached.
+
+        Of a study that was summarised its curves, of any other run its own.
+        """
+        return self._uploader.page if self._uploader else None
+
     def wait(self, seconds: float) -> str | None:
         """MLflow's id, as soon as there is one and at the latest after ``seconds``."""
         if self._uploader:
@@ -136,6 +145,15 @@ class MLflowRun:
                 accepted_key(key): number for key, value in values.items() if (number := _number(value)) is not None
             }
             self._record(new_event("metrics", step=int(step), values=numbers))
+
+    def summarise(self, summary: Summary) -> None:
+        """Describe the study whose run this is by what came of its trials, in place of what was recorded before.
+
+        Recorded again with the same content it changes nothing.
+        """
+        with _harmless("a summary was not recorded"):
+            if self._uploader is not None and not self._closing.is_set():
+                self._record(record(self._uploader.journal, summary))
 
     def artifact(self, path: str | Path, folder: str | None = None) -> None:
         """Upload a file of the run's folder below ``folder``; it must stay where it is until it is delivered."""

@@ -155,7 +155,8 @@ def _attempt(
             draft.write_text(dump(config), encoding="utf-8")
         run.artifact(folder.config)
         training.loop()
-        return conclude(training)
+        concluded = conclude(training)
+    return replace(concluded, page=run.page)
 
 
 @contextmanager
