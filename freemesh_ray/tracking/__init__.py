@@ -20,6 +20,7 @@ before any store was reached; its journal waits until the parent is in the store
 What came of all trials is told by `summary`: the study's description and figures, and a run for each variant.
 """
 
+from freemesh_ray.tracking.journal import page
 from freemesh_ray.tracking.mlflow_run import MLflowRun, Status
 from freemesh_ray.tracking.registry import register
 from freemesh_ray.tracking.sharing import share
@@ -29,6 +30,6 @@ from freemesh_ray.tracking.summary import Summary, VariantSummary
 from freemesh_ray.tracking.syncing import sync
 
 __all__ = [
-    "MLflowRun", "Status", "Summary", "TrackingError", "VariantSummary", "absolute", "browsing", "register", "share",
-    "summarise", "sync",
+    "MLflowRun", "Status", "Summary", "TrackingError", "VariantSummary", "absolute", "browsing", "page", "register",
+    "share", "summarise", "sync",
 ]  # fmt: skip

@@ -77,4 +77,4 @@ def _delivered(journal: Journal, uri: str, experiment: str) -> str | None:
     except Exception as error:
         log.warning("tracking: %s; what is missed comes by `%s`", failure(uri, error), command)
         return None
-    return uploader.page
+    return journal.state.page

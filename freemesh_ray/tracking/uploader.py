@@ -70,8 +70,6 @@ class Uploader:
         self._client: Any = None
         self._seen = False  # whether the run in the store was looked at
         self._shared: dict[Path, int] = {}  # those that are delivered, and how long they were
-        #: Where the store shows the run, behind its address; None before that is delivered.
-        self.page: str | None = None
         #: The highest step of each metric, now and when the run was last taken up again.
         self._reached: dict[str, int] = {}
         self._repeated: dict[str, int] = {}
@@ -81,6 +79,11 @@ class Uploader:
                     self._repeated = dict(self._reached)
                 case "metrics":
                     self._reach(event)
+
+    @property
+    def has_metrics(self) -> bool:
+        """Whether some are delivered."""
+        return bool(self._reached)
 
     def deliver(self, until: float = math.inf) -> int:
         """Send what has not arrived yet, in order.
@@ -202,7 +205,8 @@ class Uploader:
         client.update_run(state.run_id, "RUNNING")
         told = {key: value for key, value in event["tags"].items() if _may_be_told(key, value)}
         self._describe(event["params"], told | self._own_tags() | above)
-        self.page = charts.run_page(self._experiment(), state.run_id)
+        if state.page is None:
+            state.page = charts.run_page(self._experiment(), str(state.run_id))
 
     def _own_tags(self) -> dict[str, str]:
         """The tags by which a run is known as this user's, and its process as gone."""
@@ -271,7 +275,7 @@ class Uploader:
             client.set_experiment_tag(
                 experiment, f"{charts.VIEW}{charts.key(own_id)}", charts.view(str(run_id), event["charts"])
             )
-            self.page = page
+            self.journal.state.page = page
 
     def _artifact(self, event: Event) -> None:
         client, run_id, path = self._store(), self.journal.state.run_id, Path(event["path"])

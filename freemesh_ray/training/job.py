@@ -155,8 +155,7 @@ def _attempt(
             draft.write_text(dump(config), encoding="utf-8")
         run.artifact(folder.config)
         training.loop()
-        concluded = conclude(training)
-    return replace(concluded, page=run.page)
+        return conclude(training)
 
 
 @contextmanager

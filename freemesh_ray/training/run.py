@@ -22,13 +22,11 @@ class Run:
         folder: where its files lie: ``folder.path``, ``folder.policy``, ``folder.curve``, ``folder.meshes`` and more.
         progress: at the end.
         stages: each meshed with the best policy.
-        page: where the tracking store shows it, behind the store's address; None where the store was not reached.
     """
 
     folder: RunFolder
     progress: Progress
     stages: list[StageMeshes]
-    page: str | None = None
 
     @cached_property
     def policy(self) -> Policy:

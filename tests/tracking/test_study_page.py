@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import quote
 
 import pytest
 from browser import CHROMIUM, Browser
@@ -15,7 +16,7 @@ from freemesh_ray.api.report import told
 from freemesh_ray.policies.evaluation import RETURN
 from freemesh_ray.report.results import read
 from freemesh_ray.report.summary import summary
-from freemesh_ray.tracking import MLflowRun, browsing
+from freemesh_ray.tracking import MLflowRun, browsing, store
 from tests.recorded_study import ALGORITHMS, SEEDS, algorithms
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")]
@@ -45,7 +46,8 @@ def run(served_store: Server, tmp_path_factory: pytest.TempPathFactory) -> MLflo
                 folder / "runs" / name, name=name, params=params, tags=tags, parent=parent.id, **here
             ) as child:
                 for row in trial.evaluations:
-                    child.metrics({"train/stage": 0, **row}, int(row["env_steps"]))
+                    child.metrics({"train/stage": 0}, int(row["env_steps"]))
+                    child.metrics({key: row[key] for key in row if key.startswith("eval")}, int(row["env_steps"]))
         parent.summarise(told(summary(folder), "algorithms"))
     return parent
 
@@ -97,6 +99,22 @@ def test_further_down_are_the_trainings_and_no_constants(
     text = browser.evaluate("document.body.innerText")
     assert f"SAC-{SEEDS[0]} ({RETURN})" in text
     assert "train/stage" not in text
+
+
+@pytest.mark.parametrize(("names", "metric"), [
+    (list(ALGORITHMS), "iqm/return"), ([f"{label}-{SEEDS[0]}" for label in ALGORITHMS], RETURN),
+])  # fmt: skip
+def test_a_comparison_opens_on_no_constant(
+    names: list[str], metric: str, served_store: Server, run: MLflowRun, browser: Browser, tmp_path: Path
+) -> None:
+    client, experiment = store.connect(served_store.url), str(run.page).split("/")[2]
+    found = {each.info.run_name: each.info.run_id for each in client.search_runs([experiment])}
+    runs, experiments = quote(json.dumps([found[name] for name in names])), quote(json.dumps([experiment]))
+    browser.open(f"{served_store.url}/#/compare-runs?runs={runs}&experiments={experiments}")
+    axes = "[...document.querySelectorAll('.parcoords .axis-title')].map(title => title.textContent)"
+    browser.wait_for(f"{axes}.length")
+    keep(browser, f"comparison_{len(names[0])}.png", tmp_path)
+    assert browser.evaluate(axes)[-1] == metric
 
 
 def test_the_study_has_a_description(served_store: Server, run: MLflowRun, browser: Browser, tmp_path: Path) -> None:
