@@ -1,7 +1,4 @@
-"""Headless Chromium, driven through its DevTools protocol (https://chromedevtools.github.io/devtools-protocol/).
-
-``python tests/browser.py URL FILE.png [SECONDS]`` keeps what a page shows after so many seconds (15).
-"""
+"""Headless Chromium, driven through its DevTools protocol (https://chromedevtools.github.io/devtools-protocol/)."""
 
 from __future__ import annotations
 
@@ -9,8 +6,6 @@ import asyncio
 import base64
 import shutil
 import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any, Self
@@ -104,15 +99,3 @@ class Browser:
                 if "error" in answer:
                     raise RuntimeError(answer["error"])
                 return answer["result"]
-
-
-def main(url: str, file: str, seconds: str = "15") -> None:
-    """A picture of a page."""
-    with tempfile.TemporaryDirectory() as profile, Browser(Path(profile)) as page:
-        page.open(url)
-        time.sleep(float(seconds))
-        page.screenshot(Path(file))
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

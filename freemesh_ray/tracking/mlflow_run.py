@@ -174,8 +174,10 @@ class MLflowRun:
         Recorded again with the same content it changes nothing.
         """
         with _harmless("a summary was not recorded"):
-            if self._uploader is not None and not self._closing.is_set():
-                self._record(record(self._uploader.journal, summary))
+            if self._uploader is None or self._closing.is_set():
+                return
+            if event := record(self._uploader.journal, summary):
+                self._record(event)
 
     def artifact(self, path: str | Path, folder: str | None = None) -> None:
         """Upload a file of the run's folder below ``folder``; it must stay where it is until it is delivered."""

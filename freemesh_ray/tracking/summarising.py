@@ -57,7 +57,8 @@ def _append(journal: Journal, summary: Summary, artifacts: Sequence[Path], below
     last = journal.last()
     for path in artifacts:
         journal.append(new_event("artifact", path=str(path.resolve()), folder=below))
-    journal.append(record(journal, summary))
+    if event := record(journal, summary):
+        journal.append(event)
     if last.get("kind") in LAST:
         journal.append(last)
 

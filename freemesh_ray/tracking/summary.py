@@ -73,11 +73,11 @@ class Summary:
     tags: Mapping[str, str] = field(default_factory=dict)
 
 
-def record(journal: Journal, summary: Summary) -> Event:
+def record(journal: Journal, summary: Summary) -> Event | None:
     """Record the variants' runs of a study whose journal this process holds.
 
     Returns:
-        The event that the study's own journal is to get.
+        The event that the study's own journal is to get; None where it says the same already.
 
     Raises:
         OSError: a journal cannot be written.
@@ -95,7 +95,11 @@ def record(journal: Journal, summary: Summary) -> Event:
         _delete(path, journal.folder)
     numbers = {accepted_key(name): float(value) for name, value in summary.values.items()}
     charts = {kind: [accepted_key(name) for name in names] for kind, names in summary.charts.items()}
-    return new_event("summary", step=summary.step, text=summary.text, values=numbers, charts=charts)
+    event = new_event("summary", step=summary.step, text=summary.text, values=numbers, charts=charts)
+    before = None
+    for known, _ in journal.read():
+        before = known if known.get("kind") == "summary" else before
+    return event if before is None or _digest([before]) != _digest([event]) else None
 
 
 def _events(label: str, variant: VariantSummary, summary: Summary, parent: str) -> list[Event]:

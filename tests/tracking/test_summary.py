@@ -166,6 +166,12 @@ def test_the_same_report_again_changes_nothing(folder: Path, uri: str):
     assert after["algorithms"].info.status == "FINISHED"
     for label in ALGORITHMS:
         assert curve(uri, after[label], "iqm/return") == curve(uri, before[label], "iqm/return")
+        assert len(curve(uri, after["algorithms"], f"final/return/{label}")) == 1
+    with MLflowRun(folder, uri=uri, experiment="test", name="algorithms", resume=True, flush_seconds=60) as again:
+        again.summarise(told(summary(folder), "algorithms"))
+    assert again.page == run.page
+    assert ids(runs(uri)) == ids(before)
+    assert len(curve(uri, after["algorithms"], "final/return/SAC")) == 1
 
 
 def test_another_result_replaces_the_runs_of_the_variants_that_it_changes(folder: Path, uri: str):
