@@ -94,7 +94,7 @@ def run(study: Study, callbacks: Sequence[Callback], resume: bool, note: Callabl
     with local_ray(processes, "--resume goes on from the last checkpoints"):
         from freemesh_ray.algorithms.build import build
         from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
-        from freemesh_ray.api.report import at_end
+        from freemesh_ray.api.summary import at_end
         from freemesh_ray.studies import runner
 
         gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())

@@ -47,18 +47,25 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         StudyError, ConfigError, OutputError: what is wrong with the input.
     """
+    from freemesh_ray.report.report import write
+
     if options.site:
         return run_site(options)
-    from freemesh_ray.api.report import anew
-
     out, docs = (Path(folder) if folder else None for folder in (options.out, options.docs))
     folder = Paths.from_environment().home / options.studies / options.study
-    path, store = anew(folder, out=out, docs=docs, episodes=options.episodes, note=note)
+    path = write(folder, out=out, docs=docs, episodes=options.episodes, note=note)
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
         say(paths([shown(file)]))
-    for line in store:
-        note(line)
+    tell_store(folder)
     return 0
+
+
+def tell_store(folder: Path) -> None:
+    """Describe the study in its tracking store by what the report says now, and print on stderr what shows it there."""
+    from freemesh_ray.api.summary import describe
+
+    for line in describe(folder):
+        note(line)
 
 
 def run_site(options: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ from browser import CHROMIUM, Browser
 from mlflow_page import close_assistant, keep
 from processes import Server
 
-from freemesh_ray.api.report import told
+from freemesh_ray.api.summary import told
 from freemesh_ray.policies.evaluation import RETURN
 from freemesh_ray.report.results import read
 from freemesh_ray.report.summary import summary

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from freemesh_ray.api.report import told
+from freemesh_ray.api.summary import told
+from freemesh_ray.cli.command import main
 from freemesh_ray.policies.evaluation import RETURN
 from freemesh_ray.report.results import read
 from freemesh_ray.report.summary import summary
@@ -300,3 +301,21 @@ def test_what_is_no_summary_is_no_event(change: dict[str, Any]):
 def test_a_page_needs_no_quoting(folder: Path, uri: str):
     page = str(ended(folder, uri).page)
     assert re.fullmatch(r"[\w#/?&=-]+", page)
+
+
+def test_the_command_reports_to_the_store_that_the_study_was_tracked_to(
+    folder: Path, uri: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("FREEMESH_HOME", str(folder.parents[1]))
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    with MLflowRun(folder, uri=uri, experiment="freemesh", name="algorithms", flush_seconds=60) as run:
+        pass
+    assert main(["report", "algorithms", "--episodes", "1"]) == 0
+    *_, command, address = capsys.readouterr().err.splitlines()
+    assert command.endswith("mlflow.db")
+    experiment = store.connect(uri).get_experiment_by_name("freemesh").experiment_id
+    assert address == f"http://127.0.0.1:5000/{charts.study_page(experiment, str(run.id))}"
+    found = runs(uri)
+    assert set(found) == {"algorithms", *ALGORITHMS}
+    report = Path(found["algorithms"].info.artifact_uri.removeprefix("file://")) / "report" / "report.html"
+    assert report.read_bytes() == (folder / "report" / "report.html").read_bytes()
