@@ -96,10 +96,8 @@ def record(journal: Journal, summary: Summary) -> Event | None:
     numbers = {accepted_key(name): float(value) for name, value in summary.values.items()}
     charts = {kind: [accepted_key(name) for name in names] for kind, names in summary.charts.items()}
     event = new_event("summary", step=summary.step, text=summary.text, values=numbers, charts=charts)
-    before = None
-    for known, _ in journal.read():
-        before = known if known.get("kind") == "summary" else before
-    return event if before is None or _digest([before]) != _digest([event]) else None
+    said = [known for known, _ in journal.read() if known.get("kind") == "summary"][-1:]
+    return event if _digest(said) != _digest([event]) else None
 
 
 def _events(label: str, variant: VariantSummary, summary: Summary, parent: str) -> list[Event]:
