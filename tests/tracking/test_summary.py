@@ -22,7 +22,9 @@ from freemesh_ray.report.summary import summary
 from freemesh_ray.report.variants import variant_results
 from freemesh_ray.tracking import MLflowRun, charts, store, summarise, sync
 from freemesh_ray.tracking.events import parsed
-from freemesh_ray.tracking.uploader import fitted
+from freemesh_ray.tracking.journal import latest
+from freemesh_ray.tracking.summary import record
+from freemesh_ray.tracking.uploader import Uploader, fitted
 from tests.recorded_study import ALGORITHMS, algorithms, rows, write_study
 
 pytestmark = pytest.mark.slow
@@ -193,10 +195,25 @@ def test_another_result_replaces_the_runs_of_the_variants_that_it_changes(folder
     assert curve(uri, again["SAC"], "iqm/return") == curve(uri, before["SAC"], "iqm/return")
 
 
+def test_a_run_that_was_delivered_before_is_deleted_by_the_same_process(folder: Path, uri: str):
+    ended(folder, uri)
+    before = runs(uri)
+    lengthen(folder, "SAC-356")
+    journal = latest(folder)
+    assert journal is not None
+    uploader = Uploader(journal, uri, "test")
+    uploader.deliver_shared()
+    record(journal, told(summary(folder), "algorithms"))
+    uploader.deliver_shared()
+    journal.release()
+    assert {name for name, run in ids(runs(uri)).items() if run != ids(before)[name]} == {"SAC"}
+
+
 def test_a_study_that_ended_otherwise_stays_as_it_ended(folder: Path, uri: str):
     with pytest.raises(KeyboardInterrupt), MLflowRun(folder, uri=uri, experiment="test", name="algorithms"):
         raise KeyboardInterrupt
     assert reported(folder, uri)
+    sync(folder, uri)
     found = runs(uri)
     assert found["algorithms"].info.status == "KILLED"
     assert "mlflow.note.content" in found["algorithms"].data.tags
