@@ -105,12 +105,12 @@ def run(
     with local_ray(processes, "--resume goes on from the last checkpoints"):
         from freemesh_ray.algorithms.build import build
         from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
-        from freemesh_ray.report.report import write
+        from freemesh_ray.api.summary import at_end
         from freemesh_ray.studies import runner
 
         gpus_per_learner(settings["learner"]["device"], settings["learner"]["count"], cluster_gpus())
         return runner.run(
-            study, resume=resume, make=build, report=write, callbacks=callbacks, recorded=recorded, note=note
+            study, resume=resume, make=build, report=at_end, callbacks=callbacks, recorded=recorded, note=note
         )
 
 

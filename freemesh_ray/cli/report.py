@@ -85,6 +85,8 @@ def run(options: argparse.Namespace) -> int:
     path = write_results(results, out, docs=docs, episodes=options.episodes or EPISODES, note=note)
     for file in [path, *sorted(other for other in path.parent.iterdir() if other != path)]:
         say(paths([shown(file)]))
+    if results.folder is not None and not results.preface:
+        tell_store(results.folder)
     return 0
 
 
@@ -118,6 +120,14 @@ def place_of(results: Results, studies: Path) -> Path:
     if folder.definition.is_file():
         raise StudyError(f"{folder.path}: is a study of that name: say with --out where this report goes")
     return folder.report
+
+
+def tell_store(folder: Path) -> None:
+    """Describe the study in its tracking store by what the report says now, and print on stderr what shows it there."""
+    from freemesh_ray.api.summary import describe
+
+    for line in describe(folder):
+        note(line)
 
 
 def run_site(options: argparse.Namespace) -> int:

@@ -152,5 +152,6 @@ def _closing(result: StudyResult, study: Study) -> str:
     lines.append(f"report  {pasted(result.folder.report / 'report.md')}")
     tracking = study.settings_of_all()["tracking"]
     if tracking["enabled"]:
-        lines.append(f"compare {browsing(tracking['uri'])}")
+        shown = enumerate(browsing(tracking["uri"], result.page))
+        lines += [f"{'' if i else 'compare':<7} {line}" for i, line in shown]
     return "\n".join(lines)

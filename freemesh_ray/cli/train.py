@@ -71,7 +71,7 @@ def train_table(run: Run, config: Mapping[str, Any]) -> str:
     """What a training ends with."""
     from freemesh_ray.config.paths import pasted
     from freemesh_ray.formatting.table import duration, table
-    from freemesh_ray.tracking import browsing
+    from freemesh_ray.tracking import browsing, page
 
     rows = [
         [stage.domain, name, *(format(figures[key], form) if figures else "-" for key, _, form in COLUMNS)]
@@ -94,5 +94,6 @@ def train_table(run: Run, config: Mapping[str, Any]) -> str:
     for folder in {path.parent: None for stage in run.stages for path in stage.files}:
         lines.append(f"meshes      {pasted(folder)}")
     if config["tracking"]["enabled"]:
-        lines.append(f"compare     {browsing(config['tracking']['uri'])}")
+        shown = enumerate(browsing(config["tracking"]["uri"], page(run.folder.path)))
+        lines += [f"{'' if i else 'compare':<11} {line}" for i, line in shown]
     return "\n".join(lines)

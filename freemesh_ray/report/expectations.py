@@ -17,13 +17,19 @@ from freemesh_ray.statistics.verdict import SIGNIFICANT, Verdict
 
 def expectations(outcomes: Sequence[Outcome], by: str, paper: bool) -> str:
     """What was expected, by the ``paper`` or else by the study's author, and what came out by the figure ``by``."""
+    equalities = any(outcome.evidence.equality for outcome in outcomes)
+    return "\n\n".join([
+        f"## {'What the paper expects' if paper else 'What was expected'}", *tables(outcomes, by),
+        words(len(outcomes), equalities),
+    ])  # fmt: skip
+
+
+def tables(outcomes: Sequence[Outcome], by: str) -> list[str]:
+    """How many expectations got each verdict, and the expectations: orders, then equalities."""
     tally = Counter(outcome.verdict for outcome in outcomes)
     orders = [outcome for outcome in outcomes if not outcome.evidence.equality]
     equalities = [outcome for outcome in outcomes if outcome.evidence.equality]
-    parts = [
-        f"## {'What the paper expects' if paper else 'What was expected'}",
-        ", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said]) + ".",
-    ]
+    parts = [", ".join(f"{tally[said]} {said}" for said in Verdict if tally[said]) + "."]
     if orders:
         header = [f"expected, by the {by}", "seeds", "P(X > Y) [95 %]", "p-value", "corrected", "verdict"]
         parts.append(markdown(header, [row(outcome, [improvement(outcome)]) for outcome in orders]))
@@ -31,8 +37,7 @@ def expectations(outcomes: Sequence[Outcome], by: str, paper: bool) -> str:
         header = [f"expected, by the {by}", "seeds", "difference [95 %]", "% of the baseline", "p-value", "corrected",
                   "verdict"]  # fmt: skip
         parts.append(markdown(header, [row(outcome, differences(outcome)) for outcome in equalities]))
-    parts.append(words(len(outcomes), bool(equalities)))
-    return "\n\n".join(parts)
+    return parts
 
 
 def row(outcome: Outcome, measured: Sequence[str]) -> list[str]:

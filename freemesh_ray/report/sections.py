@@ -105,6 +105,24 @@ def short(commit: str) -> str:
 def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
     """The learning curves and the table of their ends."""
     threshold = return_threshold(variants)
+    partly = ""
+    if any(len(variant.used) < len(variant.trials) or variant.provisional for variant in variants):
+        partly = " Figures are of finished trials; *: none is finished, of those that were begun, provisional."
+    return (
+        f"## Learning\n\n{picture('curves', 'return and completion rate against environment steps')}\n\n"
+        f"{final_table(variants, threshold)}\n\n"
+        f"Of deterministic evaluation episodes, where nothing else is said; ± is the deviation over seeds. A seed's "
+        "final figure is the mean of its evaluations in the last tenth of its training. IQM: interquartile mean over "
+        "seeds, with its 95 % interval (one seed has none). Steps: until the IQM curve reaches a return of "
+        f"{threshold:.1f}, half the best variant's final IQM (where that is not above 0: midway to it from the first "
+        "evaluations); in brackets the seeds that do and when. Steps and time to "
+        f"{100 * COMPLETED:.0f} % completed: until a seed's curve first reaches this completion rate, the median over "
+        f"seeds, those that never do counted as the longest; in brackets how many do.{partly}"
+    )
+
+
+def final_table(variants: Sequence[VariantResult], threshold: float) -> str:
+    """The ends of the learning curves, and when each first reached a return of ``threshold``: a line a variant."""
     header = ["variant", "seeds", "final return", "IQM [95 %]", "stochastic", "mean over training",
               "completed", "eta", "elements", f"steps to {threshold:.1f}",
               f"steps to {100 * COMPLETED:.0f} % completed", "time"]  # fmt: skip
@@ -124,20 +142,7 @@ def curves(variants: Sequence[VariantResult], picture: Picture) -> str:
         ]
         for variant in variants
     ]
-    partly = ""
-    if any(len(variant.used) < len(variant.trials) or variant.provisional for variant in variants):
-        partly = " Figures are of finished trials; *: none is finished, of those that were begun, provisional."
-    return (
-        f"## Learning\n\n{picture('curves', 'return and completion rate against environment steps')}\n\n"
-        f"{markdown(header, rows)}\n\n"
-        f"Of deterministic evaluation episodes, where nothing else is said; ± is the deviation over seeds. A seed's "
-        "final figure is the mean of its evaluations in the last tenth of its training. IQM: interquartile mean over "
-        "seeds, with its 95 % interval (one seed has none). Steps: until the IQM curve reaches a return of "
-        f"{threshold:.1f}, half the best variant's final IQM (where that is not above 0: midway to it from the first "
-        "evaluations); in brackets the seeds that do and when. Steps and time to "
-        f"{100 * COMPLETED:.0f} % completed: until a seed's curve first reaches this completion rate, the median "
-        f"over seeds, those that never do counted as the longest; in brackets how many do.{partly}"
-    )
+    return markdown(header, rows)
 
 
 def completed(variant: VariantResult) -> list[str]:

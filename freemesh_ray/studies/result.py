@@ -67,11 +67,13 @@ class StudyResult:
         folder: where its files lie: ``folder.path``, ``folder.trials`` and more.
         trials: all of them.
         best: the one with the best policy by the study's metric; None when no trial came to its end.
+        page: where the tracking store shows it, behind the store's address; None where the store was not reached.
     """
 
     folder: StudyFolder
     trials: list[TrialResult]
     best: TrialResult | None
+    page: str | None = None
 
     @property
     def report(self) -> list[Path]:

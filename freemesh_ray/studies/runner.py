@@ -11,7 +11,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -96,7 +96,7 @@ def run(
     *,
     resume: bool,
     make: Callable[[Mapping[str, Any]], Algorithm],
-    report: Callable[[Path], object] = lambda folder: None,
+    report: Callable[[Path, MLflowRun], object] = lambda folder, run: None,
     callbacks: Sequence[Callback] = (),
     recorded: Mapping[str, Training] | None = None,
     note: Callable[[str], None] = lambda line: None,
@@ -108,7 +108,7 @@ def run(
         resume: go on where it stopped, with what it was extended by: finished trials stay, or go on where their budget
             grew, running ones go on from their checkpoints.
         make: the algorithm's factory.
-        report: writes the report into the study's folder; its files are tracked.
+        report: writes the report into the study's folder, whose files are tracked, and describes the study's run.
         callbacks: of every trial's training, in its process.
         recorded: trainings in records by the names of their run folders (`uptake.read`): they count as finished.
         note: called with lines of progress.
@@ -157,10 +157,10 @@ def run(
                 note(told)
             if result.best is not None:
                 register_best(parent, study, result.best)
-            report(folder.path)
+            report(folder.path, parent)
             for path in [folder.trials, *result.report]:
                 parent.artifact(path, "report" if path.parent == folder.report else None)
-    return result
+    return replace(result, page=parent.page)
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ class SeedTraining:
             uri=tracking["uri"],
             experiment=tracking["experiment"],
             name=trial.name,
-            params=flatten(trial.config),
+            params={key: value for key, value in flatten(trial.config).items() if key != "name"},
             tags={**tags(trial.config), **told_apart},
             parent=parent,
             resume=True,

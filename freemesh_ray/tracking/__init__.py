@@ -17,12 +17,19 @@ What is delivered, to where and from which folder is told by who calls, and neve
 
 A study is one run with a child for each trial. A child names its parent by the parent's `MLflowRun.id`, which is known
 before any store was reached; its journal waits until the parent is in the store. A policy is registered the same way.
+What came of all trials is told by `summary`: the study's description and figures, and a run for each variant.
 """
 
+from freemesh_ray.tracking.journal import page
 from freemesh_ray.tracking.mlflow_run import MLflowRun, Status
 from freemesh_ray.tracking.registry import register
 from freemesh_ray.tracking.sharing import share
 from freemesh_ray.tracking.store import TrackingError, absolute, browsing
+from freemesh_ray.tracking.summarising import summarise
+from freemesh_ray.tracking.summary import Summary, VariantSummary
 from freemesh_ray.tracking.syncing import sync
 
-__all__ = ["MLflowRun", "Status", "TrackingError", "absolute", "browsing", "register", "share", "sync"]
+__all__ = [
+    "MLflowRun", "Status", "Summary", "TrackingError", "VariantSummary", "absolute", "browsing", "page", "register",
+    "share", "summarise", "sync",
+]  # fmt: skip

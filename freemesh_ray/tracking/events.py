@@ -15,6 +15,10 @@ ID = re.compile(r"[0-9A-Za-z-]{1,200}")
 #: Entries of one mapping, and characters of one text.
 ENTRIES, TEXT = 20_000, 20_000
 STATUSES = ("FINISHED", "FAILED", "KILLED")
+#: Kinds of events after which a run records nothing more, unless it is taken up again.
+LAST = ("end", "delete")
+#: Charts of one view, and characters of a metric's name.
+CHARTS, NAME = 30, 250
 
 
 def new_event(kind: str, **content: Any) -> Event:
@@ -75,6 +79,15 @@ def _number(value: object) -> bool:
     return type(value) is float or _whole(value)
 
 
+def _charts(value: object) -> bool:
+    """Lists of metrics' names, by kind of chart."""
+    return (
+        isinstance(value, dict) and set(value) <= {"curves", "finals", "seeds"}
+        and all(isinstance(names, list) and len(names) <= CHARTS for names in value.values())
+        and all(_text(name) and len(name) <= NAME for names in value.values() for name in names)
+    )  # fmt: skip
+
+
 def _below(value: object) -> bool:
     """None, or a folder below another."""
     if value is None or not _text(value):
@@ -91,5 +104,7 @@ FIELDS: dict[str, dict[str, Callable[[object], bool]]] = {
     "artifact": {"time": _whole, "path": _text, "folder": _below},
     "model": {"time": _whole, "path": _text, "mark": is_id, "name": _text, "alias": _text, "tags": _texts,
               "description": _text},
+    "summary": {"time": _whole, "step": _whole, "text": _text, "values": _numbers, "charts": _charts},
     "end": {"time": _whole, "status": lambda value: value in STATUSES},
+    "delete": {"time": _whole},
 }  # fmt: skip

@@ -15,6 +15,7 @@ import fcntl
 import json
 import math
 import os
+import re
 import time
 import uuid
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ from pathlib import Path
 from freemesh_ray.storage import own_file
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.owner import Owner
-from freemesh_ray.tracking.events import ID, Event, is_id, parsed
+from freemesh_ray.tracking.events import ID, LAST, Event, is_id, parsed
 
 #: Seconds that a resumed run waits for its journal: another run that began at the same moment, as a study's trials do
 #: together, may hold it to mark it FAILED.
@@ -36,6 +37,8 @@ PATIENCE_SECONDS = 20.0
 LINE_BYTES, JOURNAL_BYTES, STATE_BYTES = 1 << 20, 4 << 30, 1 << 14
 #: Bytes of an artifact that it names.
 ARTIFACT_BYTES = 1 << 30
+#: The form of a page's address behind the store's.
+PAGE = re.compile(r"#/[\w/?&=-]{1,500}")
 #: Bytes read at a time, and journals that are looked at for one to go on with.
 CHUNK, NEWEST = 1 << 18, 20
 
@@ -49,6 +52,7 @@ class State:
         run_id: MLflow's id, None until the run was made there.
         sent: bytes of the journal that are delivered.
         owner: `Owner.told` of the process that wrote the journal last.
+        page: where the store shows the run, behind its address; None until the run was made there.
     """
 
     uri: str
@@ -56,6 +60,7 @@ class State:
     run_id: str | None = None
     sent: int = 0
     owner: dict[str, str] | None = None
+    page: str | None = None
 
     @classmethod
     def parsed(cls, content: bytes) -> State:
@@ -67,6 +72,7 @@ class State:
         state = cls(**json.loads(content))
         texts = isinstance(state.uri, str) and isinstance(state.experiment, str)
         known = state.run_id is None or is_id(state.run_id)
+        known &= state.page is None or (isinstance(state.page, str) and PAGE.fullmatch(state.page) is not None)
         if not (texts and known and type(state.sent) is int and 0 <= state.sent <= JOURNAL_BYTES):
             raise ValueError("no state of a journal")
         return state
@@ -159,7 +165,7 @@ class Journal:
         of another machine may be at work, where locks do not hold among machines, unless it has said that it ended.
         """
         last, owner, here = self.last(), self.owner, Owner.here()
-        if last.get("kind") == "end":
+        if last.get("kind") in LAST:
             return True
         return owner is not None and (
             owner.same_boot(here) or owner.ended_with_machine(here, last.get("time", math.inf) / 1000)
@@ -231,6 +237,14 @@ def _time_of_next(folder: Path) -> datetime:
     with suppress(ValueError, OverflowError):  # a name that is no time
         return max(now, datetime.strptime(newest, "%Y%m%dT%H%M%S").replace(tzinfo=UTC) + timedelta(seconds=1))
     return now
+
+
+def page(folder: Path) -> str | None:
+    """Where the store shows the newest run of ``folder``, behind its address; None where it has none."""
+    for path in islice(reversed(journals(folder.resolve())), 1):
+        with suppress(OSError, ValueError, TypeError, RecursionError):
+            return State.parsed(own_file.read(folder.resolve(), path.with_suffix(".json"), STATE_BYTES)).page
+    return None
 
 
 def shared(folder: Path) -> Path:

@@ -30,6 +30,7 @@ from freemesh_ray.tracking.store import (
     mlflow_client,
     without_password,
 )
+from freemesh_ray.tracking.summary import Summary, record
 from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
 
 log = logging.getLogger(__name__)
@@ -44,6 +45,11 @@ FLUSH_SECONDS = 15.0
 KILLED_SECONDS = 3.0
 #: How long a start takes at most for the runs that were killed before it.
 KILLED_SECONDS = 10.0
+
+
+#: MLflow's comparison of runs opens on the metric that came first: not to be a constant, or a time, of the training
+#: loop, those of these names wait for the first evaluation.
+HELD = ("train/", "learner/")
 
 
 class MLflowRun:
@@ -87,6 +93,7 @@ class MLflowRun:
         self._closing = threading.Event()
         self._ready = threading.Event()
         self._full = False  # the disk is: the journal takes nothing
+        self._held: list[Event] | None = []  # the first metrics, until what comes before them; None: it has come
         self._uploader: Uploader | None = None
         self._thread: threading.Thread | None = None
         self._others: threading.Thread | None = None  # cares for the killed runs, and holds up nothing
@@ -107,6 +114,8 @@ class MLflowRun:
             everything = {**(tags or {}), **where, **commit(where), **own}
             journal.append(new_event("start", name=name, params=texts, tags=everything, parent=parent))
             self._uploader = Uploader(journal, uri, experiment)
+            if self._uploader.has_metrics:
+                self._held = None
             self._thread = threading.Thread(target=self._work, name="tracking", daemon=True)
             self._thread.start()
 
@@ -120,6 +129,14 @@ class MLflowRun:
         """MLflow's id, None until the store was reached; `wait` for it where it is needed."""
         return self._uploader.journal.state.run_id if self._uploader else None
 
+    @property
+    def page(self) -> str | None:
+        """Where the store shows it, behind the store's address; None until the store was reached.
+
+        Of a study that was summarised its curves, of any other run its own.
+        """
+        return self._uploader.journal.state.page if self._uploader else None
+
     def wait(self, seconds: float) -> str | None:
         """MLflow's id, as soon as there is one and at the latest after ``seconds``."""
         if self._uploader:
@@ -129,13 +146,38 @@ class MLflowRun:
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         """Record numbers at ``step`` (env steps), NaN and infinities included; what is no number is left out.
 
-        Of the steps that a run repeats when it is resumed from before its end, the first record counts.
+        Of the steps that a run repeats when it is resumed from before its end, the first record counts. A run's first
+        metrics are held back while all of them are of `HELD`.
         """
         with _harmless("metrics were not recorded"):
             numbers = {
                 accepted_key(key): number for key, value in values.items() if (number := _number(value)) is not None
             }
-            self._record(new_event("metrics", step=int(step), values=numbers))
+            event = new_event("metrics", step=int(step), values=numbers)
+            if self._held is None or self._uploader is None:
+                self._record(event)
+            elif not numbers or all(name.startswith(HELD) for name in numbers):
+                self._held.append(event)
+            else:
+                self._record(event)
+                self._release()
+
+    def _release(self) -> None:
+        """Record what was held back."""
+        held, self._held = self._held or [], None
+        for event in held:
+            self._record(event)
+
+    def summarise(self, summary: Summary) -> None:
+        """Describe the study whose run this is by what came of its trials, in place of what was recorded before.
+
+        Recorded again with the same content it changes nothing.
+        """
+        with _harmless("a summary was not recorded"):
+            if self._uploader is None or self._closing.is_set():
+                return
+            if event := record(self._uploader.journal, summary):
+                self._record(event)
 
     def artifact(self, path: str | Path, folder: str | None = None) -> None:
         """Upload a file of the run's folder below ``folder``; it must stay where it is until it is delivered."""
@@ -174,6 +216,7 @@ class MLflowRun:
         if self._thread is None or self._uploader is None or self._closing.is_set():
             return
         with _harmless("the end of the run was not recorded"):
+            self._release()
             self._record(new_event("end", status=status))
         self._closing.set()
         patience = min(self._flush_seconds, KILLED_SECONDS) if status == "KILLED" else self._flush_seconds

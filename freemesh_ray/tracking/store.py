@@ -42,6 +42,8 @@ ARTIFACTS = ("mlartifacts", "mlruns")
 #: The store understood and refused: sending the same again is of no use.
 REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST"}
 SQLITE = "sqlite:///"
+#: Where `mlflow ui` serves a file.
+SERVED = "http://127.0.0.1:5000"
 
 #: What helps against a failure, by what is in its message.
 FIXES = {
@@ -155,12 +157,21 @@ def address_of(uri: str) -> str:
     return f"sqlite+pysqlite:///{path.replace('%', '%25').replace('?', '%3F')}"
 
 
-def browsing(uri: str) -> str:
-    """What shows the store in a browser: a command to paste into a shell, or the server's own address."""
+def browsing(uri: str, page: str | None = None) -> list[str]:
+    """What shows the store in a browser: a command to paste into a shell, or the server's own address.
+
+    Args:
+        uri: of the store.
+        page: of a run, behind the address, as `MLflowRun.page` has it; None: none is known.
+
+    Returns:
+        The address of the page; of a file that no server serves the command, and the address that is then the page's.
+    """
     if not uri.startswith(SQLITE):
-        return uri
+        return [f"{without_password(uri).rstrip('/')}/{page}" if page else without_password(uri)]
     mlflow = "mlflow" if which("mlflow") else shown(Path(sys.executable).with_name("mlflow"))
-    return shlex.join([mlflow, "ui", "--backend-store-uri", address_of(shown(uri))])
+    command = shlex.join([mlflow, "ui", "--backend-store-uri", address_of(shown(uri))])
+    return [command, *([f"{SERVED}/{page}"] if page else [])]
 
 
 def experiment_id(client: Any, uri: str, name: str) -> str:

@@ -14,8 +14,8 @@ from typing import Any
 from freemesh_ray.policies.policy import PolicyError
 from freemesh_ray.storage import own_file
 from freemesh_ray.storage.owner import Owner
-from freemesh_ray.tracking import registry
-from freemesh_ray.tracking.events import Event, new_event, now
+from freemesh_ray.tracking import charts, registry
+from freemesh_ray.tracking.events import LAST, Event, new_event, now
 from freemesh_ray.tracking.journal import ARTIFACT_BYTES, Journal, State, shared
 from freemesh_ray.tracking.provenance import COMMIT
 from freemesh_ray.tracking.store import (
@@ -32,11 +32,14 @@ from freemesh_ray.tracking.store import (
     unless_refused,
     without_password,
 )
+from freemesh_ray.tracking.summary import COLOUR, IS_COLOUR
 
 log = logging.getLogger(__name__)
 
 #: Journal lines read at a time, metrics whose steps are remembered, and bytes of a model.
 LINES, METRICS, MODEL_BYTES = 1000, 20_000, 50_000_000
+#: Characters of a run's description, MLflow's limit of a tag; and where a study's report is among its artifacts.
+NOTE, REPORT = 8000, "report/report.html"
 
 
 class ParentMissingError(RuntimeError):
@@ -66,7 +69,7 @@ class Uploader:
         self._user = Owner.here().user
         self._client: Any = None
         self._seen = False  # whether the run in the store was looked at
-        self._shared: set[Path] = set()  # those that are delivered
+        self._shared: dict[Path, int] = {}  # those that are delivered, and how long they were
         #: The highest step of each metric, now and when the run was last taken up again.
         self._reached: dict[str, int] = {}
         self._repeated: dict[str, int] = {}
@@ -76,6 +79,11 @@ class Uploader:
                     self._repeated = dict(self._reached)
                 case "metrics":
                     self._reach(event)
+
+    @property
+    def has_metrics(self) -> bool:
+        """Whether some are delivered."""
+        return bool(self._reached)
 
     def deliver(self, until: float = math.inf) -> int:
         """Send what has not arrived yet, in order.
@@ -110,14 +118,15 @@ class Uploader:
     def settle(self, until: float = math.inf) -> int:
         """Deliver all of a journal whose process is gone; without an end of its own the run is FAILED."""
         last = self.journal.last()
-        if last.get("kind") != "end":
+        if last.get("kind") not in LAST:
             self.journal.append({**new_event("end", status="FAILED"), "time": last.get("time", now())})
         return self.deliver(until)
 
     def deliver_shared(self) -> None:
-        """Send what other runs share with this one, whole journals, each once."""
+        """Send what other runs share with this one, whole journals, each once, and again when it is longer."""
         for path in shared(self.journal.path.parent).glob("*.jsonl"):
-            if path in self._shared or not (journal := Journal.claim(path, self.journal.folder)):
+            size = _size(path)
+            if self._shared.get(path) == size or not (journal := Journal.claim(path, self.journal.folder)):
                 continue
             try:
                 Uploader(journal, self.uri, self.journal.state.experiment).settle()
@@ -129,7 +138,7 @@ class Uploader:
                 log.warning("tracking: %s is left as it is (%s)", path, brief(error))
             finally:
                 journal.release()
-            self._shared.add(path)
+            self._shared[path] = size
 
     def store_answers(self) -> bool:
         """Whether the store as a whole is there, so that what failed is the journal's."""
@@ -171,10 +180,15 @@ class Uploader:
                 self._artifact(events[0])
             case "model":
                 self._model(events[0])
+            case "summary":
+                self._summary(events[0])
             case "end":
                 event = events[0]
                 with unless_refused("the end of the run"):
                     self._store().set_terminated(self.journal.state.run_id, event["status"], end_time=event["time"])
+            case "delete":
+                with unless_refused("the deletion of the run"):
+                    self._store().delete_run(self.journal.state.run_id)
 
     def _start(self, event: Event) -> None:
         """Make the run, or find the one that an interrupted delivery made, or take it up again."""
@@ -189,8 +203,10 @@ class Uploader:
             self.journal.save()
         self._repeated = dict(self._reached)
         client.update_run(state.run_id, "RUNNING")
-        told = {key: value for key, value in event["tags"].items() if key == COMMIT or not key.startswith("mlflow.")}
+        told = {key: value for key, value in event["tags"].items() if _may_be_told(key, value)}
         self._describe(event["params"], told | self._own_tags() | above)
+        if state.page is None:
+            state.page = charts.run_page(self._experiment(), str(state.run_id))
 
     def _own_tags(self) -> dict[str, str]:
         """The tags by which a run is known as this user's, and its process as gone."""
@@ -242,6 +258,25 @@ class Uploader:
             if key in self._reached or len(self._reached) < METRICS:
                 self._reached[key] = max(event["step"], self._reached.get(key, event["step"]))
 
+    def _summary(self, event: Event) -> None:
+        """Describe a study: the run's description with links, its figures, and the view that its page opens."""
+        from mlflow.entities import Metric
+
+        client, run_id = self._store(), self.journal.state.run_id
+        experiment, own_id = self._experiment(), self.journal.id
+        page = charts.study_page(experiment, own_id)
+        report = charts.run_page(experiment, str(run_id), f"artifacts/{REPORT}")
+        links = f"[Curves of all variants]({page}) · [Report]({report})"
+        fresh = [Metric(name, float(value), event["time"], event["step"]) for name, value in event["values"].items()]
+        with unless_refused("a summary"):
+            client.set_tag(run_id, "mlflow.note.content", f"{links}\n\n{fitted(event['text'], NOTE - len(links) - 2)}")
+            for chunk in _chunks(fresh, METRICS_PER_BATCH):
+                client.log_batch(run_id, metrics=chunk, synchronous=True)
+            client.set_experiment_tag(
+                experiment, f"{charts.VIEW}{charts.key(own_id)}", charts.view(str(run_id), event["charts"])
+            )
+            self.journal.state.page = page
+
     def _artifact(self, event: Event) -> None:
         client, run_id, path = self._store(), self.journal.state.run_id, Path(event["path"])
         with tempfile.TemporaryDirectory() as place:
@@ -282,6 +317,29 @@ class Uploader:
 
     def _experiment(self) -> str:
         return experiment_id(self._store(), self.uri, self.journal.state.experiment)
+
+
+def fitted(text: str, room: int) -> str:
+    """As many whole lines of a text as go into ``room`` characters, or as much of the first."""
+    if len(text) <= room:
+        return text
+    more = "\n\n(The report has the rest.)"
+    left = room - len(more)
+    end = text.rfind("\n", 0, left + 1)
+    return text[: end if end > 0 else left] + more
+
+
+def _may_be_told(key: str, value: str) -> bool:
+    """Whether a journal's tag goes to the store: of those that mean something to MLflow, two."""
+    return key == COMMIT or not key.startswith("mlflow.") or (key == COLOUR and IS_COLOUR.fullmatch(value) is not None)
+
+
+def _size(path: Path) -> int:
+    """In bytes; 0 where it is gone."""
+    try:
+        return path.lstat().st_size
+    except OSError:
+        return 0
 
 
 def _company(line: tuple[Event, int]) -> str | int:

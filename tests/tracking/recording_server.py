@@ -94,12 +94,13 @@ class StoredRun:
     tags: dict[str, str] = field(default_factory=dict)
     params: dict[str, str] = field(default_factory=dict)
     metrics: list[tuple[str, Any, int]] = field(default_factory=list)
+    stage: str = "active"
 
     def told(self) -> dict[str, Any]:
         """As MLflow's JSON."""
         info = {
             "run_id": self.run_id, "run_uuid": self.run_id, "experiment_id": "1", "run_name": self.name,
-            "status": self.status, "start_time": self.started, "lifecycle_stage": "active",
+            "status": self.status, "start_time": self.started, "lifecycle_stage": self.stage,
             "artifact_uri": self.artifacts,
         }  # fmt: skip
         texts = {"tags": self.tags, "params": self.params}
@@ -112,6 +113,7 @@ class FakeStore(Recorder):
 
     Attributes:
         runs: by MLflow's id.
+        views: the tags of the experiment.
         place: of a new run's artifacts, from its id.
         redirect: the address that a request is sent on to; None: it is answered.
         filters: whether a search keeps to what it is asked for.
@@ -120,6 +122,7 @@ class FakeStore(Recorder):
     def __init__(self) -> None:
         super().__init__()
         self.runs: dict[str, StoredRun] = {}
+        self.views: dict[str, str] = {}
         self.place: Callable[[str], str] = lambda run_id: f"mlflow-artifacts:/1/{run_id}/artifacts"
         self.redirect: Callable[[Request], str | None] = lambda request: None
         self.filters = True
@@ -144,7 +147,8 @@ class FakeStore(Recorder):
         handler = {
             "experiments/get-by-name": self._experiment, "experiments/search": lambda _: (200, {"experiments": []}),
             "runs/create": self._create, "runs/get": self._get, "runs/update": self._update,
-            "runs/search": self._search, "runs/log-batch": self._log,
+            "runs/search": self._search, "runs/log-batch": self._log, "runs/delete": self._delete,
+            "runs/set-tag": self._tag, "experiments/set-experiment-tag": self._view,
         }.get(call, lambda _: REFUSED)  # fmt: skip
         status, content = handler(asked)
         return status, content, {}
@@ -173,6 +177,24 @@ class FakeStore(Recorder):
             return ABSENT
         run.status = asked.get("status", run.status)
         return 200, {"run_info": run.told()["info"]}
+
+    def _delete(self, asked: dict[str, Any]) -> tuple[int, Any]:
+        run = self.runs.get(asked["run_id"])
+        if run is None:
+            return ABSENT
+        run.stage = "deleted"
+        return 200, {}
+
+    def _tag(self, asked: dict[str, Any]) -> tuple[int, Any]:
+        run = self.runs.get(asked["run_id"])
+        if run is None:
+            return ABSENT
+        run.tags[asked["key"]] = asked["value"]
+        return 200, {}
+
+    def _view(self, asked: dict[str, Any]) -> tuple[int, Any]:
+        self.views[asked["key"]] = asked["value"]
+        return 200, {}
 
     def _log(self, asked: dict[str, Any]) -> tuple[int, Any]:
         run = self.runs.get(asked["run_id"])

@@ -94,6 +94,8 @@ class World:
             assert content == own_content(self.store.runs[run_id].tags["freemesh.id"])
         for run_id, before in self.others.items():
             assert self.store.runs[run_id].told() == before
+        ids = {run.tags.get("freemesh.id") for run in self.store.runs.values()}
+        assert {key.removeprefix("mlflow.sharedViewState.freemesh-") for key in self.store.views} <= ids
 
 
 @pytest.fixture
@@ -497,6 +499,23 @@ def test_the_run_that_a_state_names_is_left_alone_if_it_is_anothers(tags: str, s
     world.check()
 
 
+@pytest.mark.parametrize("tags", OTHERS)
+def test_a_journal_neither_describes_nor_deletes_the_run_of_another(tags: str, world: World) -> None:
+    path = recorded(world, "attack")
+    words = {"id": path.stem, "user": Owner.here().user}
+    other = world.add_other(**{key: text.format(**words) for key, text in OTHERS[tags].items()})
+    world.store.filters = False
+    whole = [json.loads(line) for line in path.read_text().splitlines()]
+    summary = {"kind": "summary", "time": 2000, "step": 2, "text": "ours now", "values": {"loss": 0.0}, "charts": {}}
+    write(path, [*whole, summary, {"kind": "delete", "time": 2001}], state(world.store.url, other))
+    world.deliver()
+    world.check()
+    (own,) = [run for run in world.store.runs.values() if run.run_id not in world.others]
+    assert own.stage == "deleted"
+    assert own.tags["mlflow.note.content"].endswith("ours now")
+    assert list(world.store.views) == [f"mlflow.sharedViewState.freemesh-{path.stem}"]
+
+
 BOOTED = owner_module._booted()
 #: Changes to this process's owner, when it was started in seconds since the machine was, and whether it is gone.
 PROCESSES: dict[str, tuple[dict[str, str], float, bool]] = {
@@ -696,7 +715,8 @@ def hostile(rng: Rng, world: World, folder: Path) -> Any:
         world.store.url.replace("//", f"//x@{world.elsewhere.netloc}@"), world.store.url, other, "mesher", "best",
         "x' or tags.`freemesh.id` != 'y", Owner.here().user, ANOTHER, ANOTHER["user"], Owner.here().told(),
         {"mlflow.parentRunId": other, "freemesh.id": "x", "freemesh.user": ANOTHER["user"]}, {"a": world.elsewhere.url},
-        "FINISHED", "DELETED", "metrics", "artifact", "model", "start", "end", "\ud800", "\x1b[31m", "é" * 30_000,
+        "FINISHED", "DELETED", "metrics", "artifact", "model", "start", "end", "summary", "delete", "\ud800",
+        "\x1b[31m", "é" * 30_000,
         "nan", None, True, -1, 0, 1, 2**53, 2**70, -(10**400), float("inf"), float("nan"), [], {}, [[]] * 100, {"": ""},
     ])  # fmt: skip
 
@@ -725,6 +745,11 @@ def mutate(rng: Rng, path: Path, world: World) -> None:
     told = json.loads(about.read_text())
     if rng.random() < 0.3:
         events.append({"kind": "end", "time": 2000, "status": rng.choice(["FINISHED", "FAILED", "KILLED"])})
+    if rng.random() < 0.3:
+        charts = {"curves": ["iqm/return"], "seeds": ["eval_deterministic/return"]}
+        events.append({"kind": "summary", "time": 2000, "step": 2, "text": "# A study", "values": {}, "charts": charts})
+    if rng.random() < 0.1:
+        events.append({"kind": "delete", "time": 2001})
     for _ in range(rng.randint(1, 4)):
         if rng.random() < 0.25:
             told = mutated(rng, told, world, folder) if isinstance(told, dict) else told
@@ -814,5 +839,6 @@ def forget(world: World) -> None:
     world.others.update(kept)
     for run_id in world.store.runs.keys() - kept.keys():
         del world.store.runs[run_id]
+    world.store.views.clear()
     for folder in world.runs.iterdir():
         folder.unlink() if folder.is_symlink() else shutil.rmtree(folder)

@@ -44,7 +44,7 @@ def test_a_new_store_is_made_where_its_name_says(tmp_path: Path) -> None:
     record(tmp_path / "run", f"sqlite:///{home / 'mlflow.db'}")
     assert names_in(home / "mlflow.db") == ["one"]
     assert list((tmp_path / "homes").iterdir()) == [home]
-    line = shlex.split(browsing(f"sqlite:///{home / 'mlflow.db'}"))
+    line = shlex.split(browsing(f"sqlite:///{home / 'mlflow.db'}")[0])
     assert line[1:3] == ["ui", "--backend-store-uri"]
     (found,) = store.mlflow_client()(line[3]).search_experiments(filter_string="name = 'test'")
     assert found.artifact_location == (home / "mlartifacts").as_uri()
@@ -53,10 +53,16 @@ def test_a_new_store_is_made_where_its_name_says(tmp_path: Path) -> None:
 def test_the_line_that_shows_a_store_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))  # where the environment is not activated
     monkeypatch.chdir(tmp_path)
-    program, *arguments = shlex.split(browsing(f"sqlite:///{tmp_path}/a b/mlflow.db"))
+    program, *arguments = shlex.split(browsing(f"sqlite:///{tmp_path}/a b/mlflow.db")[0])
     assert Path(program).is_file()
     assert arguments == ["ui", "--backend-store-uri", "sqlite:///a b/mlflow.db"]
-    assert browsing("http://host:5000") == "http://host:5000"
+    assert browsing("http://host:5000") == ["http://host:5000"]
+
+
+def test_the_page_of_a_run_is_behind_the_stores_address() -> None:
+    page = "#/experiments/1/runs/2"
+    assert browsing("http://me:word@host:5000/mlflow/", page) == [f"http://host:5000/mlflow/{page}"]
+    assert browsing("sqlite:///mlflow.db", page)[1:] == [f"http://127.0.0.1:5000/{page}"]
 
 
 def test_a_store_that_is_away_is_told_with_the_line_that_delivers_later(

@@ -20,7 +20,7 @@ import pytest
 from checkout import ROOT
 
 from freemesh_ray.config import flatten, load
-from freemesh_ray.tracking import MLflowRun, TrackingError, absolute, share, store, sync
+from freemesh_ray.tracking import MLflowRun, TrackingError, absolute, page, share, store, sync
 from freemesh_ray.tracking import mlflow_run as recording
 from freemesh_ray.tracking.journal import Journal
 from freemesh_ray.tracking.provenance import provenance
@@ -88,6 +88,44 @@ def test_the_configuration_arrives_as_params_and_where_it_ran_as_tags(tmp_path: 
     assert data.tags["study"] == "a"
     assert provenance().items() <= data.tags.items()
     assert data.tags["commit"] == data.tags["mlflow.source.git.commit"]
+
+
+def test_the_metric_that_comes_first_is_of_an_evaluation(tmp_path: Path, uri: str):
+    with started(tmp_path / "run", uri) as run:
+        for step in range(1, 4):
+            run.metrics({"train/stage": 0, "learner/alpha": 1 / step}, step)
+        run.metrics({"eval_deterministic/return": 5.0}, 3)
+        run.metrics({"train/stage": 1}, 4)
+    assert list(only_run(uri).data.metrics) == ["eval_deterministic/return", "train/stage", "learner/alpha"]
+    assert history(uri, "train/stage") == [(1, 0), (2, 0), (3, 0), (4, 1)]
+    assert history(uri, "learner/alpha") == [(1, 1), (2, 1 / 2), (3, 1 / 3)]
+
+
+def test_a_run_without_an_evaluation_has_all_its_metrics(tmp_path: Path, uri: str):
+    with started(tmp_path / "run", uri) as run:
+        run.metrics({"train/stage": 0}, 1)
+        run.metrics({}, 2)
+    assert history(uri, "train/stage") == [(1, 0)]
+    with started(tmp_path / "run", uri, resume=True) as again:
+        again.metrics({"train/stage": 1}, 2)
+        assert '"train/stage": 1.0' in next((tmp_path / "run" / "tracking").glob("*.jsonl")).read_text()
+    assert history(uri, "train/stage") == [(1, 0), (2, 1)]
+
+
+def test_a_runs_page_is_known_from_its_folder(tmp_path: Path, uri: str):
+    assert page(tmp_path) is None
+    with started(tmp_path / "run", uri) as run:
+        pass
+    assert page(tmp_path / "run") == run.page == f"#/experiments/1/runs/{run.run_id}/model-metrics"
+
+
+@pytest.mark.parametrize("text", ["javascript:x", "#/x\x1b[2J", "", 5, "#/" + "x" * 501])
+def test_a_state_with_another_page_is_none(text: Any, tmp_path: Path, uri: str):
+    with started(tmp_path / "run", uri):
+        pass
+    (about,) = (tmp_path / "run" / "tracking").glob("*.json")
+    about.write_text(json.dumps(json.loads(about.read_text()) | {"page": text}))
+    assert page(tmp_path / "run") is None
 
 
 def test_artifacts_lie_beside_the_database(tmp_path: Path, uri: str):

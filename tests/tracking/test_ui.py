@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
 import pytest
 from browser import CHROMIUM, Browser
+from mlflow_page import close_assistant, keep
 from processes import Server
 
 from freemesh_ray.tracking import MLflowRun, store
@@ -66,20 +66,6 @@ def expand(browser: Browser) -> None:
     assert browser.evaluate(f"{LINKS}.length") == 0
     browser.evaluate(f"{button}.querySelector('button').click()")
     browser.wait_for(f"{LINKS}.length == {len(NAMES)}")
-
-
-def close_assistant(browser: Browser) -> None:
-    button = "document.querySelector('[data-component-id=\"mlflow.assistant.chat_panel.close\"]')"
-    browser.wait_for(button)
-    browser.evaluate(f"{button}.click()")
-
-
-def keep(browser: Browser, name: str, folder: Path) -> None:
-    """A picture of the page, in the folder that FREEMESH_SCREENSHOTS names."""
-    place = Path(os.environ.get("FREEMESH_SCREENSHOTS", folder))
-    place.mkdir(parents=True, exist_ok=True)
-    browser.screenshot(place / name)
-    assert (place / name).stat().st_size > 10_000
 
 
 def test_trials_are_below_their_study_and_those_chosen_are_compared(
