@@ -1,0 +1,238 @@
+"""A patch on trial: filled in the ways that promise most, settled, and exchanged when the mesh is better for it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.kernels.compiled import inlined, inner
+from envs.types import Floats, Ints
+from freemesh_ray.finish.cleanup import FLOOR
+from freemesh_ray.finish.halfedges import Halfedges
+from freemesh_ray.finish.optimiser import cost
+from freemesh_ray.finish.refill import filling as fill
+from freemesh_ray.finish.refill import patterns as pattern
+from freemesh_ray.finish.refill.exchange import Exchange, exchange_of, link, make_way
+from freemesh_ray.finish.refill.filling import Filling, begin, cut, filling_of, rectangle, row, toggled_star
+from freemesh_ray.finish.refill.growth import LOOP, SIZE, WORK, Growth, growth_of
+from freemesh_ray.finish.refill.patterns import Patterns, assess, list_patterns, patterns_of
+from freemesh_ray.finish.refill.placement import Placement, place, placement_of
+from freemesh_ray.finish.refill.region import (
+    FREE,
+    VERTICES,
+    Region,
+    copy_new,
+    copy_old,
+    price,
+    rate,
+    region_of,
+    settle,
+    surround,
+)
+
+#: Options that get places, and those of them that are settled, at most; of the whole domain.
+PLACED, SETTLED = (16, 40), (2, 4)
+#: Steps of the first descent, after which a filling is given up that costs too much by MARGIN for every 100 elements;
+#: of the second; of that of the whole domain.
+STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), 150, 0.6
+#: Descents end when a step lowers the cost by less than this share.
+LEAST_FALL = (1e-3, 3e-4)
+#: What an irregular vertex counts against the cost when fillings are ranked by their first places.
+RANKED = 0.2
+#: What the cost may rise by for each irregular vertex less, and must fall by when there is none less.
+WORTH, GAIN = 0.05, 0.15
+#: Patches on trial that are remembered, at most.
+SEEN = 1 << 16
+#: A patch is tried again when it has grown by this, or has more irregular vertices inside.
+STRIDE = 1.12
+#: Work that placing one element takes at each step, in parts of a descent's.
+PLACING = 8
+
+
+class Trial(NamedTuple):
+    """Working memory.
+
+    Attributes:
+        growth, filling, patterns, placement, region, exchange: of their files.
+        ranked: (PLACED, 2) float64, costs of the options that were placed, and which they are.
+        seen: (SEEN,) int64, patches that were tried, by a number that tells their elements.
+        state: (4,) int64, of the patch that grows: irregular vertices and size at its last trial; patches exchanged;
+            patches tried.
+        level: (1,) float64, cost of an element that makes the mesh neither better nor worse.
+    """
+
+    growth: Growth
+    filling: Filling
+    patterns: Patterns
+    placement: Placement
+    region: Region
+    exchange: Exchange
+    ranked: Floats
+    seen: Ints
+    state: Ints
+    level: Floats
+
+
+# Entries of Trial.state.
+IRREGULAR, TRIED_SIZE, EXCHANGED, TRIED = range(4)
+
+
+def trial_of(mesh: Halfedges, elements: int, level: float) -> Trial:
+    """Room for patches of so many elements."""
+    filling = filling_of(4 * elements + 64)
+    return Trial(
+        growth=growth_of(mesh), filling=filling, patterns=patterns_of(4 * elements + 64),
+        placement=placement_of(filling), region=region_of(mesh, filling), exchange=exchange_of(mesh, filling),
+        ranked=np.zeros((max(PLACED), 2)), seen=np.zeros(SEEN, dtype=np.int64), state=np.zeros(4, dtype=np.int64),
+        level=np.array([level]),
+    )  # fmt: skip
+
+
+@inner
+def irregular_inside(mesh: Halfedges, growth: Growth) -> int:
+    """Corners of the patch's elements that lie in irregular vertices inside the domain."""
+    count = 0
+    for i in range(growth.counts[SIZE]):
+        for c in range(4):
+            v = mesh.quads[growth.members[i], c]
+            count += 1 if mesh.degree[v] != 4 and not mesh.fixed[v] else 0
+    return count
+
+
+@inner
+def is_new(mesh: Halfedges, trial: Trial, drop: int) -> bool:
+    """Whether the patch was not tried before, as far as is remembered."""
+    growth, key = trial.growth, drop + 1
+    for i in range(growth.counts[SIZE]):
+        quad = growth.members[i]
+        scrambled = ((quad * 0x9E3779B1) ^ (trial.exchange.version[quad] * 0x85EBCA6B)) & 0x7FFFFFFF
+        scrambled = ((scrambled ^ (scrambled >> 15)) * 0x45D9F3B) & 0x7FFFFFFF
+        key += scrambled ^ (scrambled >> 16)
+    key = (key << 1) | 1
+    at = (key >> 1) & (SEEN - 1)
+    for _ in range(8):
+        if trial.seen[at] == key:
+            return False
+        if trial.seen[at] == 0:
+            break
+        at = (at + 1) & (SEEN - 1)
+    trial.seen[at] = key
+    return True
+
+
+@inner
+def build(mesh: Halfedges, trial: Trial, option: Floats) -> None:
+    """Fill the patch as an option says, its vertices where they are harmonic."""
+    growth, filling = trial.growth, trial.filling
+    begin(mesh, growth, filling)
+    kind, first = int(option[pattern.KIND]), int(option[pattern.FIRST])
+    second, third = int(option[pattern.SECOND]), int(option[pattern.THIRD])
+    if kind == pattern.RECTANGLE:
+        h, n = 0.0, growth.counts[LOOP]
+        for i in range(n):
+            x = filling.xy[(i + 1) % n, 0] - filling.xy[i, 0]
+            y = filling.xy[(i + 1) % n, 1] - filling.xy[i, 1]
+            h += math.sqrt(x * x + y * y) / n
+        for _ in range(first):
+            row(filling, h)
+        rectangle(filling, filling.loop, filling.counts[fill.LENGTH], second, third)
+    elif kind == pattern.STAR:
+        toggled_star(filling, first)
+    else:
+        cut(filling, first, second, third)
+    steps = place(filling, trial.placement, growth.counts[LOOP])
+    growth.counts[WORK] += filling.counts[fill.QUADS] * (steps + 2) // PLACING
+
+
+@inlined
+def filling_cost(trial: Trial) -> float:
+    """The cost of the filling as it is placed."""
+    filling, memory = trial.filling, trial.region.descent
+    n, m = filling.counts[fill.VERTICES], filling.counts[fill.QUADS]
+    trial.growth.counts[WORK] += m
+    return cost(filling.xy[:n], filling.quads[:m], False, memory.raw[:n], memory.lanes)
+
+
+@inner
+def rank(mesh: Halfedges, trial: Trial, options: int, placed: int) -> int:
+    """Place the first options, and sort them by cost and irregular vertices; how many there are."""
+    count = 0
+    for i in range(min(options, placed)):
+        option = trial.patterns.options[i]
+        build(mesh, trial, option)
+        value = filling_cost(trial) - trial.level[0] * trial.filling.counts[fill.QUADS]
+        if not value < math.inf:
+            value = 1e6
+        value += RANKED * option[pattern.LEFT]
+        at = count
+        while at > 0 and trial.ranked[at - 1, 0] > value:
+            trial.ranked[at, 0], trial.ranked[at, 1] = trial.ranked[at - 1, 0], trial.ranked[at - 1, 1]
+            at -= 1
+        trial.ranked[at, 0], trial.ranked[at, 1] = value, i
+        count += 1
+    return count
+
+
+@inner
+def accept(mesh: Halfedges, trial: Trial) -> None:
+    """Exchange the patch for the linked filling, everything where it settled."""
+    growth, filling, region, loop = trial.growth, trial.filling, trial.region, trial.growth.counts[LOOP]
+    make_way(mesh, growth, filling, trial.exchange)
+    for i in range(region.counts[FREE]):
+        v = region.vertices[i]
+        v = v if v >= 0 else trial.exchange.vertex[-1 - v]
+        mesh.xy[v, 0], mesh.xy[v, 1] = region.xy[i, 0], region.xy[i, 1]
+    for v in range(loop):
+        growth.loop[v] = 0
+    trial.state[EXCHANGED] += 1
+
+
+@inner
+def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
+    """Try to fill the patch better; whether that was done, and the patch is empty.
+
+    Args:
+        mesh: changed when it was.
+        trial: working memory, with the patch and its loop.
+        drop: irregular vertices that must become less.
+        whole: whether the patch is the whole domain.
+    """
+    growth, region, state = trial.growth, trial.region, trial.state
+    inside = irregular_inside(mesh, growth)
+    if inside == state[IRREGULAR] and growth.counts[SIZE] < STRIDE * state[TRIED_SIZE]:
+        return False
+    state[IRREGULAR], state[TRIED_SIZE] = inside, growth.counts[SIZE]
+    if inside == 0 or not is_new(mesh, trial, drop):
+        return False
+    least = assess(mesh, growth, trial.patterns)
+    before = trial.patterns.before[0]
+    if before - drop < least - 1e-9:
+        return False
+    options = list_patterns(mesh, growth, trial.filling, trial.patterns, before - drop + 1e-9, whole)
+    if options == 0:
+        return False
+    state[TRIED] += 1
+    surround(mesh, growth, region)
+    copy_old(mesh, growth, region)
+    old, elements, guard = price(growth, region), growth.counts[SIZE], min(rate(region), FLOOR)
+    placed = PLACED[1] if whole else PLACED[0]
+    count = rank(mesh, trial, options, placed)
+    for i in range(min(count, SETTLED[1] if whole else SETTLED[0])):
+        option = trial.patterns.options[int(trial.ranked[i, 1])]
+        build(mesh, trial, option)
+        if not link(mesh, growth, trial.filling, trial.exchange):
+            continue
+        copy_new(mesh, growth, region, trial.filling)
+        fewer = before - option[pattern.LEFT]
+        limit = old + trial.level[0] * (trial.filling.counts[fill.QUADS] - elements)
+        limit += WORTH * fewer if fewer > 0.5 else -GAIN
+        margin = MARGIN * max(1.0, region.counts[VERTICES] / 100.0)
+        if not settle(growth, region, STEPS[0], LEAST_FALL[0]) < limit + margin:
+            continue
+        steps = STEPS_OF_DOMAIN if whole else STEPS[1]
+        if settle(growth, region, steps, LEAST_FALL[1]) < limit and rate(region) >= guard:
+            accept(mesh, trial)
+            return True
+    return False
