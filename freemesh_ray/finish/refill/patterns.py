@@ -127,9 +127,9 @@ def _miss(filling: Filling, p: int, q: int, edges: int, h: float) -> float:
 @inner
 def _list_rectangles(
     filling: Filling, options: Floats, more: Floats, base: float, most: float, rows: int, made: int,
-    low: float, high: float, h: float, first: int,
+    low: float, high: float, h: float, by_area: float, first: int,
 ) -> int:  # fmt: skip
-    """Offer the rectangles on the loop; how many options there are in all.
+    """Offer the rectangles on the loop, one for each length of their sides; how many options there are in all.
 
     Args:
         more: what each place costs as a corner, over what it costs otherwise.
@@ -138,6 +138,7 @@ def _list_rectangles(
         rows: laid so far, and ``made``: elements in them.
         low, high: elements that the filling may have.
         h: length of an edge.
+        by_area: what it counts, as a logarithm, that the area inside is not that of so many squares.
         first: options before.
     """
     n, count = filling.counts[LENGTH], first
@@ -146,21 +147,28 @@ def _list_rectangles(
         a, b = filling.loop[i], filling.loop[(i + 1) % n]
         area += 0.5 * (filling.xy[a, 0] * filling.xy[b, 1] - filling.xy[b, 0] * filling.xy[a, 1])
     stride = 1 + half // PLACES if rows > 0 and filling.counts[CORNER_COUNT] == 0 else 1
-    for p in range(0, half, stride):
-        for a in range(1, half, stride):
-            elements = made + a * (half - a)
-            if elements < low or elements > high:
-                continue
-            left = base + more[p] + more[p + a] + more[p + half] + more[(p + half + a) % n]
+    for a in range(1, half, stride):
+        b, elements = half - a, made + a * (half - a)
+        if elements < low or elements > high:
+            continue
+        best = math.inf
+        best_left, best_p = 0.0, 0
+        for p in range(0, half, stride):
+            right, top, end = p + a, p + half, (p + half + a) % n
+            left = base + more[p] + more[right] + more[top] + more[end]
             if left > most:
                 continue
-            b, right, top, end = half - a, p + a, p + half, (p + half + a) % n
             miss = _miss(filling, p, right, a, h) + _miss(filling, right, top, b, h)
             miss += _miss(filling, top, end, a, h) + _miss(filling, end, p, b, h)
-            prior = math.sqrt(miss)
-            if rows > 0:
-                prior += abs(math.log(max(1e-9, area / (h * h * a * b))))
-            count = _keep(options, first, count, KEPT[RECTANGLE], left, prior, RECTANGLE, rows, p, a, elements)
+            rank = WORTH * left + math.sqrt(miss)
+            if rank < best:
+                best, best_left, best_p = rank, left, p
+        if best < math.inf:
+            prior = best - WORTH * best_left
+            prior += by_area * abs(math.log(max(1e-9, area / (h * h * a * b))))
+            count = _keep(
+                options, first, count, KEPT[RECTANGLE], best_left, prior, RECTANGLE, rows, best_p, a, elements
+            )
     return count
 
 
@@ -306,7 +314,7 @@ def list_patterns(
         h += math.sqrt((xy[(i + 1) % n, 0] - xy[i, 0]) ** 2 + (xy[(i + 1) % n, 1] - xy[i, 1]) ** 2) / n
         filling.role[i] = 0
     growth.counts[WORK] += n + (n * n >> 4)
-    count = _list_rectangles(filling, options, patterns.more, base, most, 0, 0, low, high, h, 0)
+    count = _list_rectangles(filling, options, patterns.more, base, most, 0, 0, low, high, h, 0.0, 0)
     for k in range(filling.counts[CORNER_COUNT]):
         base += patterns.more[filling.corners[k]]
         filling.role[filling.corners[k]] = 1
@@ -329,7 +337,8 @@ def list_patterns(
             patterns.inner_more[filling.corners[k]] = -1.0
         growth.counts[WORK] += inside * inside >> 5
         count = _list_rectangles(
-            filling, options, patterns.inner_more, base + corners, most, rows, made, low, high, h, count
+            filling, options, patterns.inner_more, base + corners, most, rows, made, low, high, h,
+            0.0 if whole else 1.0, count,
         )
     return _sorted(options, count)
 

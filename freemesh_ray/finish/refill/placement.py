@@ -13,8 +13,8 @@ from envs.kernels.compiled import inner_fused
 from envs.types import Floats
 from freemesh_ray.finish.refill.filling import QUADS, VERTICES, Filling
 
-#: Steps, at most; the residual's energy at the end, over that at the start.
-STEPS, PRECISION = 60, 1e-4
+#: The residual's energy at the end, over that at the start.
+PRECISION = 1e-4
 
 
 class Placement(NamedTuple):
@@ -57,8 +57,8 @@ def _multiply(filling: Filling, sides: Floats, given: int, of: Floats, product: 
 
 
 @inner_fused
-def place(filling: Filling, placement: Placement, given: int) -> int:
-    """Move all vertices but the first ``given``; how many steps that took."""
+def place(filling: Filling, placement: Placement, given: int, steps: int) -> int:
+    """Move all vertices but the first ``given``, in so many steps at most; how many it took."""
     n, xy, sides = filling.counts[VERTICES], filling.xy, placement.sides
     residual, direction, product = placement.residual, placement.direction, placement.product
     for v in range(n):
@@ -76,7 +76,7 @@ def place(filling: Filling, placement: Placement, given: int) -> int:
             direction[v, axis] = residual[v, axis] / sides[v]
             energy += residual[v, axis] * direction[v, axis]
     enough = PRECISION * energy
-    for step in range(STEPS):
+    for step in range(steps):
         if energy <= enough:
             return step
         _multiply(filling, sides, given, direction, product)
@@ -95,4 +95,4 @@ def place(filling: Filling, placement: Placement, given: int) -> int:
         for v in range(given, n):
             for axis in range(2):
                 direction[v, axis] = residual[v, axis] / sides[v] + turn * direction[v, axis]
-    return STEPS
+    return steps

@@ -58,8 +58,9 @@ EFFORTS = {
     "thorough": Effort(1 << 40, 2000, 200_000, True),
 }
 USUAL = "usual"
-#: Elements of patches that lose no irregular vertex, at most.
-MOVES = 200
+#: Elements of patches, at most, when all irregular vertices are gone over for the first and the second time; of patches
+#: that lose no irregular vertex.
+SMALL, MEDIUM, MOVES = 100, 300, 200
 #: Times that all irregular vertices are gone over with one aim, at most.
 PASSES = 4
 #: Ways to grow: all round first; over the longest side first; over the shortest.
@@ -185,10 +186,17 @@ def fill_patches(mesh: Halfedges, trial: Trial, work: int, limit: int, whole: in
         return
     if whole > 0:
         fill_domain(mesh, trial)
-    for drop in (1, 0, 1):
-        for _ in range(PASSES if drop > 0 else 2):
-            if not go_over(mesh, trial, limit if drop > 0 else min(limit, MOVES), drop, work, ways):
-                break
+    for most in (SMALL, MEDIUM, limit):
+        go_over(mesh, trial, min(most, limit), 1, work, ways)
+    for _ in range(PASSES):
+        if not go_over(mesh, trial, limit, 1, work, ways):
+            break
+    for _ in range(2):
+        if not go_over(mesh, trial, min(limit, MOVES), 0, work, ways):
+            break
+    for _ in range(PASSES):
+        if not go_over(mesh, trial, limit, 1, work, ways):
+            break
     clear(mesh, trial)
 
 

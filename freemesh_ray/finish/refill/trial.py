@@ -33,7 +33,9 @@ from freemesh_ray.finish.refill.region import (
 )
 
 #: Options that get places, and those of them that are settled, at most; of the whole domain.
-PLACED, SETTLED = (16, 40), (2, 4)
+PLACED, SETTLED = (12, 40), (2, 6)
+#: Steps of conjugate gradients to the places that options are ranked by, and to those that they are settled from.
+ROUGHLY, WELL = 12, 60
 #: Steps of the first descent, after which a filling is given up that costs too much by MARGIN for every 100 elements;
 #: of the second; of that of the whole domain.
 STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), 150, 0.6
@@ -123,8 +125,8 @@ def is_new(mesh: Halfedges, trial: Trial, drop: int) -> bool:
 
 
 @inner
-def build(mesh: Halfedges, trial: Trial, option: Floats) -> None:
-    """Fill the patch as an option says, its vertices where they are harmonic."""
+def build(mesh: Halfedges, trial: Trial, option: Floats, steps: int) -> None:
+    """Fill the patch as an option says, its vertices so many steps on their way to where they are harmonic."""
     growth, filling = trial.growth, trial.filling
     begin(mesh, growth, filling)
     kind, first = int(option[pattern.KIND]), int(option[pattern.FIRST])
@@ -142,8 +144,8 @@ def build(mesh: Halfedges, trial: Trial, option: Floats) -> None:
         toggled_star(filling, first)
     else:
         cut(filling, first, second, third)
-    steps = place(filling, trial.placement, growth.counts[LOOP])
-    growth.counts[WORK] += filling.counts[fill.QUADS] * (steps + 2) // PLACING
+    taken = place(filling, trial.placement, growth.counts[LOOP], steps)
+    growth.counts[WORK] += filling.counts[fill.QUADS] * (taken + 2) // PLACING
 
 
 @inlined
@@ -155,24 +157,44 @@ def filling_cost(trial: Trial) -> float:
     return cost(filling.xy[:n], filling.quads[:m], False, memory.raw[:n], memory.lanes)
 
 
+@inlined
+def _insert(ranked: Floats, count: int, value: float, option: float) -> None:
+    """Put an option among those that are ranked, by its value."""
+    at = count
+    while at > 0 and ranked[at - 1, 0] > value:
+        ranked[at, 0], ranked[at, 1] = ranked[at - 1, 0], ranked[at - 1, 1]
+        at -= 1
+    ranked[at, 0], ranked[at, 1] = value, option
+
+
 @inner
 def rank(mesh: Halfedges, trial: Trial, options: int, placed: int) -> int:
     """Place the first options, and sort them by cost and irregular vertices; how many there are."""
-    count = 0
     for i in range(min(options, placed)):
         option = trial.patterns.options[i]
-        build(mesh, trial, option)
+        build(mesh, trial, option, ROUGHLY)
         value = filling_cost(trial) - trial.level[0] * trial.filling.counts[fill.QUADS]
         if not value < math.inf:
             value = 1e6
-        value += RANKED * option[pattern.LEFT]
-        at = count
-        while at > 0 and trial.ranked[at - 1, 0] > value:
-            trial.ranked[at, 0], trial.ranked[at, 1] = trial.ranked[at - 1, 0], trial.ranked[at - 1, 1]
-            at -= 1
-        trial.ranked[at, 0], trial.ranked[at, 1] = value, i
-        count += 1
-    return count
+        _insert(trial.ranked, i, value + RANKED * option[pattern.LEFT], i)
+    return min(options, placed)
+
+
+@inner
+def rank_settled(mesh: Halfedges, trial: Trial, count: int) -> int:
+    """Settle what was ranked a little, and sort it by what it costs then; how many are left."""
+    left = 0
+    for i in range(count):
+        chosen = trial.ranked[i, 1]
+        option = trial.patterns.options[int(chosen)]
+        build(mesh, trial, option, WELL)
+        if link(mesh, trial.growth, trial.filling, trial.exchange):
+            copy_new(mesh, trial.growth, trial.region, trial.filling)
+            value = settle(trial.growth, trial.region, STEPS[0], LEAST_FALL[0])
+            value -= trial.level[0] * trial.filling.counts[fill.QUADS]
+            _insert(trial.ranked, left, value + RANKED * option[pattern.LEFT], chosen)
+            left += 1
+    return left
 
 
 @inner
@@ -217,11 +239,13 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
     surround(mesh, growth, region)
     copy_old(mesh, growth, region)
     old, elements, guard = price(growth, region), growth.counts[SIZE], min(rate(region), FLOOR)
-    placed = PLACED[1] if whole else PLACED[0]
-    count = rank(mesh, trial, options, placed)
-    for i in range(min(count, SETTLED[1] if whole else SETTLED[0])):
+    count = rank(mesh, trial, options, PLACED[1] if whole else PLACED[0])
+    count = min(count, SETTLED[1] if whole else SETTLED[0])
+    if whole:
+        count = rank_settled(mesh, trial, count)
+    for i in range(min(count, SETTLED[0])):
         option = trial.patterns.options[int(trial.ranked[i, 1])]
-        build(mesh, trial, option)
+        build(mesh, trial, option, WELL)
         if not link(mesh, growth, trial.filling, trial.exchange):
             continue
         copy_new(mesh, growth, region, trial.filling)
