@@ -1,12 +1,12 @@
 """How many irregular nodes a boundary asks for: the index theorem for quadrilateral meshes.
 
-Let q be the elements that a boundary node should have, max(1, its inner angle over 90 degrees, rounded). Euler's formula
-then says for every all-quad mesh that has them
+Let q be the elements that a boundary node should have, max(1, its inner angle over 90 degrees, rounded). Euler's
+formula then says for every all-quad mesh that has them
 
     sum over interior nodes of (4 - valence)  =  4 chi - sum over boundary nodes of (2 - q)  =  the index
 
 with chi = 1 - holes. By the sum of a polygon's angles it is the sum of q - angle / 90 degrees, holes or not. A node of
-valence 3 counts 1, one of valence 5 counts -1: so many of these, at least, no mesh can do without.
+valence 3 counts 1, one of valence 5 counts -1: so many of these, at least, no such mesh can do without.
 """
 
 from __future__ import annotations

@@ -69,7 +69,9 @@ def measure(mesh: PlaneMesh) -> dict[str, float]:
         "triangles": float(len(mesh.triangles)),
         "non_convex": float((inner_angles(mesh.vertices[mesh.quads]) >= 180.0).any(axis=1).sum()),
         "singularity": float(len(irregular(mesh))),
-        "singularity_least": float(least_irregular(mesh.vertices, boundary_of(mesh))) if mesh.complete else float("nan"),
+        "singularity_least": float(least_irregular(mesh.vertices, boundary_of(mesh)))
+        if mesh.complete
+        else float("nan"),
         "singularity_authors": float(len(irregular_authors(mesh))),
         **{name: _over(each) for name, each in values.items()},
         "eta_p5": _over(values["eta"], lambda eta: np.percentile(eta, 5)),

@@ -57,9 +57,7 @@ def _joined_outside(mesh: Halfedges, growth: Growth, u: int, w: int) -> bool:
     """Whether an edge that no element of the patch has joins two vertices of the loop."""
     spoke = mesh.out[u]
     for _ in range(mesh.degree[u]):
-        if not growth.inside[spoke >> 2] and (
-            origin(mesh, after(spoke)) == w or origin(mesh, before(spoke)) == w
-        ):
+        if not growth.inside[spoke >> 2] and (origin(mesh, after(spoke)) == w or origin(mesh, before(spoke)) == w):
             return True
         spoke = around(mesh, spoke)
     return False
@@ -67,7 +65,7 @@ def _joined_outside(mesh: Halfedges, growth: Growth, u: int, w: int) -> bool:
 
 @inner
 def link(mesh: Halfedges, growth: Growth, filling: Filling, exchange: Exchange) -> bool:
-    """Find what lies across each edge of the filling; False when it is no mesh of the patch, or the mesh has no room."""
+    """Find what lies across each edge of the filling; False when it is no mesh of the patch, or there is no room."""
     vertices, quads, loop = filling.counts[fill.VERTICES], filling.counts[fill.QUADS], growth.counts[LOOP]
     added, gone = vertices - loop, 0
     mark = new_mark(growth)

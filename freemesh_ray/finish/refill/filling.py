@@ -263,9 +263,7 @@ def _star(filling: Filling, loop: Ints, n: int, corners: Ints, count: int) -> No
         filling.spokes[i, 0], filling.spokes[i, length] = start, middle
         for k in range(1, length):
             s = k / length
-            filling.spokes[i, k] = _vertex(
-                filling, (1.0 - s) * xy[start, 0] + s * x, (1.0 - s) * xy[start, 1] + s * y
-            )
+            filling.spokes[i, k] = _vertex(filling, (1.0 - s) * xy[start, 0] + s * x, (1.0 - s) * xy[start, 1] + s * y)
     for i in range(count):
         last = (i + count - 1) % count
         a, b = u[i], u[(i + 1) % count]
@@ -335,8 +333,6 @@ def cut(filling: Filling, p: int, q: int, edges: int) -> None:
     start, end = filling.loop[p], filling.loop[q]
     for k in range(1, edges):
         s = k / edges
-        _vertex(
-            filling, (1.0 - s) * xy[start, 0] + s * xy[end, 0], (1.0 - s) * xy[start, 1] + s * xy[end, 1]
-        )
+        _vertex(filling, (1.0 - s) * xy[start, 0] + s * xy[end, 0], (1.0 - s) * xy[start, 1] + s * xy[end, 1])
     _one_side(filling, p, q, first, edges, False)
     _one_side(filling, q, p, first, edges, True)

@@ -1,8 +1,8 @@
 """The fillings that a patch may get, and the order in which they are worth a trial.
 
 What a filling costs is the irregular vertices that it leaves on and in the loop: a vertex of the loop inside the domain
-is regular with four elements in all, one on the boundary as the clean-up has it. Among fillings that leave as many those
-come first whose straight sides are nearest to as long as their elements should be.
+is regular with four elements in all, one on the boundary as the clean-up has it. Among fillings that leave as many
+those come first whose straight sides are nearest to as long as their elements should be.
 """
 
 from __future__ import annotations
@@ -276,7 +276,7 @@ def _list_cuts(
                 continue
             a, b = filling.loop[p], filling.loop[q]
             length = math.sqrt((xy[b, 0] - xy[a, 0]) ** 2 + (xy[b, 1] - xy[a, 1]) ** 2) / h
-            for edges in range(max(1, int(length * SHORT)), int(math.ceil(length * LONG)) + 1):
+            for edges in range(max(1, int(length * SHORT)), math.ceil(length * LONG) + 1):
                 sides = _side_lengths(filling, p, d, edges)
                 here = _shape_elements(filling, sides) if sides == ends else 0
                 if here == 0:
@@ -337,8 +337,18 @@ def list_patterns(
             patterns.inner_more[filling.corners[k]] = -1.0
         growth.counts[WORK] += inside * inside >> 5
         count = _list_rectangles(
-            filling, options, patterns.inner_more, base + corners, most, rows, made, low, high, h,
-            0.0 if whole else 1.0, count,
+            filling,
+            options,
+            patterns.inner_more,
+            base + corners,
+            most,
+            rows,
+            made,
+            low,
+            high,
+            h,
+            0.0 if whole else 1.0,
+            count,
         )
     return _sorted(options, count)
 
