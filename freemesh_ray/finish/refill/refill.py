@@ -40,12 +40,14 @@ class Effort(NamedTuple):
 
     Attributes:
         work: elements looked at, at most.
+        share: elements looked at for each element of the mesh, at most.
         limit: elements of a patch, at most.
         whole: elements of a domain that is filled as a whole, at most.
         both: whether two meshes are made, large patches first and small ones first, and the better one is taken.
     """
 
     work: int
+    share: int
     limit: int
     whole: int
     both: bool
@@ -53,9 +55,9 @@ class Effort(NamedTuple):
 
 #: By name; ``quick`` fills nothing anew.
 EFFORTS = {
-    "quick": Effort(0, 0, 0, False),
-    "usual": Effort(5_000_000, 1000, 20_000, False),
-    "thorough": Effort(1 << 40, 2000, 200_000, True),
+    "quick": Effort(0, 0, 0, 0, False),
+    "usual": Effort(5_000_000, 5_000, 1_000, 200_000, False),
+    "thorough": Effort(60_000_000, 60_000, 2_000, 1_000_000, True),
 }
 USUAL = "usual"
 #: Elements of patches, at most, when all irregular vertices are gone over for the first and the second time; of patches
@@ -212,7 +214,10 @@ def refill(mesh: Halfedges, effort: Effort, ways: int = 0) -> int:
     whole = len(alive) if len(alive) <= effort.whole else 0
     raw, lanes = np.empty_like(mesh.xy), np.empty((9, 64))
     mean = cost(mesh.xy, alive, False, raw, lanes) / len(alive)
-    trial = trial_of(mesh, max(1, whole, min(effort.limit, len(alive))), LEVEL * mean)
+    limit, work = min(effort.limit, len(alive)), min(effort.work, effort.share * len(alive))
+    rim = int(np.count_nonzero(mesh.opp[: 4 * mesh.counts[QUADS]] == NONE))
+    # A patch has up to twice as many vertices around it as elements, and MOST_ELEMENTS allows some more than before.
+    trial = trial_of(mesh, 64 + max(4 * limit, whole + whole // 4 + rim), LEVEL * mean)
     if math.isfinite(mean):
-        fill_patches(mesh, trial, effort.work, min(effort.limit, len(alive)), whole, ways)
+        fill_patches(mesh, trial, work, limit, whole, ways)
     return int(trial.state[EXCHANGED])

@@ -32,13 +32,17 @@ from freemesh_ray.finish.refill.region import (
     surround,
 )
 
-#: Options that get places, and those of them that are settled, at most; of the whole domain.
+#: Options that get places, and those of them that are settled, at most; of the whole domain; of a large one the first
+#: number falls to as many as have SHARED elements together, but not below LEAST, and the second to LEAST.
 PLACED, SETTLED = (12, 40), (2, 6)
+SHARED, LEAST = 400_000, 3
 #: Steps of conjugate gradients to the places that options are ranked by, and to those that they are settled from.
 ROUGHLY, WELL = 12, 60
 #: Steps of the first descent, after which a filling is given up that costs too much by MARGIN for every 100 elements;
-#: of the second; of that of the whole domain.
-STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), 150, 0.6
+#: of the second; of that of the whole domain, and of a large one.
+STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), (150, 60), 0.6
+#: A whole domain with more elements than this is a large one.
+LARGE = 25_000
 #: Descents end when a step lowers the cost by less than this share.
 LEAST_FALL = (1e-3, 3e-4)
 #: What an irregular vertex counts against the cost when fillings are ranked by their first places.
@@ -82,10 +86,10 @@ IRREGULAR, TRIED_SIZE, EXCHANGED, TRIED = range(4)
 
 
 def trial_of(mesh: Halfedges, elements: int, level: float) -> Trial:
-    """Room for patches of so many elements."""
-    filling = filling_of(4 * elements + 64)
+    """Room for fillings of so many elements."""
+    filling = filling_of(elements)
     return Trial(
-        growth=growth_of(mesh), filling=filling, patterns=patterns_of(4 * elements + 64),
+        growth=growth_of(mesh), filling=filling, patterns=patterns_of(elements),
         placement=placement_of(filling), region=region_of(mesh, filling), exchange=exchange_of(mesh, filling),
         ranked=np.zeros((max(PLACED), 2)), seen=np.zeros(SEEN, dtype=np.int64), state=np.zeros(4, dtype=np.int64),
         level=np.array([level]),
@@ -239,8 +243,9 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
     surround(mesh, growth, region)
     copy_old(mesh, growth, region)
     old, elements, guard = price(growth, region), growth.counts[SIZE], min(rate(region), FLOOR)
-    count = rank(mesh, trial, options, PLACED[1] if whole else PLACED[0])
-    count = min(count, SETTLED[1] if whole else SETTLED[0])
+    large = elements > LARGE
+    count = rank(mesh, trial, options, min(PLACED[1], max(LEAST, SHARED // elements)) if whole else PLACED[0])
+    count = min(count, (LEAST if large else SETTLED[1]) if whole else SETTLED[0])
     if whole:
         count = rank_settled(mesh, trial, count)
     for i in range(min(count, SETTLED[0])):
@@ -255,7 +260,7 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
         margin = MARGIN * max(1.0, region.counts[VERTICES] / 100.0)
         if not settle(growth, region, STEPS[0], LEAST_FALL[0]) < limit + margin:
             continue
-        steps = STEPS_OF_DOMAIN if whole else STEPS[1]
+        steps = STEPS_OF_DOMAIN[1 if large else 0] if whole else STEPS[1]
         if settle(growth, region, steps, LEAST_FALL[1]) < limit and rate(region) >= guard:
             accept(mesh, trial)
             return True
