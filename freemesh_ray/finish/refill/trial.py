@@ -38,13 +38,15 @@ PLACED, SETTLED = (12, 40), (2, 6)
 SHARED, LEAST = 400_000, 3
 #: Steps of conjugate gradients to the places that options are ranked by, and to those that they are settled from.
 ROUGHLY, WELL = 12, 60
+#: The second for the whole domain.
+WELL_IN_DOMAIN = 400
 #: Steps of the first descent, after which a filling is given up that costs too much by MARGIN for every 100 elements;
-#: of the second; of that of the whole domain, and of a large one.
-STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), (150, 60), 0.6
+#: of the second; of that of the whole domain.
+STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), 150, 0.6
 #: A whole domain with more elements than this is a large one.
 LARGE = 25_000
-#: Descents end when a step lowers the cost by less than this share.
-LEAST_FALL = (1e-3, 3e-4)
+#: Descents end when a step lowers the cost by less than this share: the first, the second, that of the whole domain.
+LEAST_FALL = (1e-3, 3e-4, 2e-5)
 #: What an irregular vertex counts against the cost when fillings are ranked by their first places.
 RANKED = 0.2
 #: What the cost may rise by for each irregular vertex less, and must fall by when there is none less.
@@ -180,7 +182,7 @@ def rank(mesh: Halfedges, trial: Trial, options: int, placed: int) -> int:
         value = filling_cost(trial) - trial.level[0] * trial.filling.counts[fill.QUADS]
         if not value < math.inf:
             value = 1e6
-        _insert(trial.ranked, i, value + RANKED * option[pattern.LEFT], i)
+        _insert(trial.ranked, i, value + RANKED * option[pattern.LEFT], float(i))
     return min(options, placed)
 
 
@@ -191,7 +193,7 @@ def rank_settled(mesh: Halfedges, trial: Trial, count: int) -> int:
     for i in range(count):
         chosen = trial.ranked[i, 1]
         option = trial.patterns.options[int(chosen)]
-        build(mesh, trial, option, WELL)
+        build(mesh, trial, option, WELL_IN_DOMAIN)
         if link(mesh, trial.growth, trial.filling, trial.exchange):
             copy_new(mesh, trial.growth, trial.region, trial.filling)
             value = settle(trial.growth, trial.region, STEPS[0], LEAST_FALL[0])
@@ -250,7 +252,7 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
         count = rank_settled(mesh, trial, count)
     for i in range(min(count, SETTLED[0])):
         option = trial.patterns.options[int(trial.ranked[i, 1])]
-        build(mesh, trial, option, WELL)
+        build(mesh, trial, option, WELL_IN_DOMAIN if whole else WELL)
         if not link(mesh, growth, trial.filling, trial.exchange):
             continue
         copy_new(mesh, growth, region, trial.filling)
@@ -260,8 +262,8 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
         margin = MARGIN * max(1.0, region.counts[VERTICES] / 100.0)
         if not settle(growth, region, STEPS[0], LEAST_FALL[0]) < limit + margin:
             continue
-        steps = STEPS_OF_DOMAIN[1 if large else 0] if whole else STEPS[1]
-        if settle(growth, region, steps, LEAST_FALL[1]) < limit and rate(region) >= guard:
+        steps, least_fall = STEPS_OF_DOMAIN if whole else STEPS[1], LEAST_FALL[2 if whole else 1]
+        if settle(growth, region, steps, least_fall) < limit and rate(region) >= guard:
             accept(mesh, trial)
             return True
     return False
