@@ -71,6 +71,9 @@ def add(commands: Any) -> None:
     quality.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of all draws (0)")
     quality.add_argument("--no-smooth", dest="smooth", action="store_false", help="leave vertices where they were put")
     quality.add_argument("--no-clean", dest="clean", action="store_false", help="leave irregular vertices")
+    quality.add_argument("--effort", choices=["quick", "usual", "thorough"], default="usual",
+                         help="against irregular nodes: quick, a local clean-up; usual, patches are filled anew, too, "
+                         "for about half a second; thorough, many times as long (usual)")  # fmt: skip
     quality.add_argument("--search", action="store_true",
                          help="for each element the best of several of the policy's draws, not its mean")  # fmt: skip
     quality.add_argument("--density", choices=["sparse", "medium", "dense"], default="medium",
@@ -103,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     )  # fmt: skip
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
-    wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean")}
+    wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean", "effort")}
     wishes["allow_large"] = options.yes
     for i, domain in enumerate(domains):
         mesh = Mesh.from_domain(domain, policy, **wishes)
@@ -140,7 +143,7 @@ def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path])
     line = (
         f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
         f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "
-        f"{figures['singularity']:.0f} irregular nodes -> {paths(outputs)}"
+        f"{figures['singularity']:.0f} irregular nodes (least {figures['singularity_least']:.0f}) -> {paths(outputs)}"
     )
     helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
     if made.backtracks:

@@ -34,7 +34,7 @@ TOTAL, KIND, HALFEDGE, ARGUMENT = range(4)
 
 
 @inlined
-def _off(off: float) -> float:
+def boundary_cost(off: float) -> float:
     """What a boundary vertex costs that has so many elements too many; a little is nothing, its angle is as given."""
     return 0.8 * (abs(off) - 0.3) ** 2 if abs(off) > 0.55 else 0.0
 
@@ -43,7 +43,7 @@ def _off(off: float) -> float:
 def irregularity(mesh: Halfedges, vertex: int) -> float:
     """What a vertex costs; 0 when it is regular."""
     off = mesh.degree[vertex] - mesh.ideal[vertex]
-    return _off(off) if mesh.fixed[vertex] else off * off
+    return boundary_cost(off) if mesh.fixed[vertex] else off * off
 
 
 @inlined
@@ -54,7 +54,7 @@ def rise(mesh: Halfedges, vertex: int, change: int) -> float:
         return math.inf
     if mesh.fixed[vertex]:
         off = degree - mesh.ideal[vertex]
-        return _off(off + change) - _off(off) if degree + change >= 1 else math.inf
+        return boundary_cost(off + change) - boundary_cost(off) if degree + change >= 1 else math.inf
     return float(change * (2 * (degree - 4) + change)) if degree + change >= 3 else math.inf
 
 

@@ -1,6 +1,7 @@
 """The finish of a mesh: clean up its connectivity, move its interior vertices to where the elements are best.
 
     move all vertices at once -> clean up -> move all vertices at once, twice
+    -> fill patches anew -> move all vertices at once, twice -> the better of the two
 
 The boundary is never touched. What comes out is never worse than what was given: see :func:`finish`.
 """
@@ -16,12 +17,15 @@ from envs.quality import convex_quality
 from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
 from freemesh_ray.finish.optimiser import descend, descent
+from freemesh_ray.finish.refill import EFFORTS, USUAL, Effort, refill
 from freemesh_ray.meshes.metrics import irregular
 
 #: Steps of all vertices at once: before the clean-up; after it; and then with the sharp stand-in.
 FIRST_STEPS, STEPS, SHARP_STEPS = 30, 60, 60
 #: A descent ends when a step lowers the cost by less than this share.
 LEAST_FALL = 2e-5
+#: What filling patches anew may cost in mean eta, its 5th percentile and its least value.
+LOST = (0.002, 0.01, 0.05)
 #: How often vertices near elements that became too poor are held, before nothing is moved at all.
 HOLDS = 4
 
@@ -33,13 +37,15 @@ class Finished:
     Attributes:
         mesh: the domain's points first; elements and other vertices are in no particular order.
         sequences: short sequences of topological changes that were kept.
+        patches: patches that were filled anew.
     """
 
     mesh: Mesh
     sequences: int
+    patches: int = 0
 
 
-def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
+def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True, effort: str = USUAL) -> Finished:
     """Improve a complete mesh.
 
     The mean of eta never falls, the least eta does not fall below what it was, or ``cleanup.FLOOR`` when it was
@@ -49,7 +55,26 @@ def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
         mesh: without defects.
         smooth: move interior vertices.
         clean: change the connectivity where that makes elements better; interior vertices nearby move with it.
+        effort: how much is tried to fill patches anew, a key of ``EFFORTS``; nothing without ``clean``.
+
+    Raises:
+        ValueError: an effort that is none.
     """
+    if effort not in EFFORTS:
+        raise ValueError(f"effort = {effort!r}: use one of {', '.join(EFFORTS)}")
+    best = cleaned(mesh, smooth, clean)
+    if not clean:
+        return best
+    given = best
+    for ways in range(2 if EFFORTS[effort].both else 1):
+        other = refilled(given, EFFORTS[effort], ways, smooth)
+        if other.patches and no_worse(mesh, other.mesh) and better(best.mesh, other.mesh):
+            best = other
+    return best
+
+
+def cleaned(mesh: Mesh, smooth: bool, clean: bool) -> Finished:
+    """A mesh cleaned up and smoothed; the mesh itself if that makes it worse."""
     work = build(mesh.vertices, mesh.quads, mesh.on_boundary)
     if smooth:
         relax(work, False, FIRST_STEPS)
@@ -61,7 +86,33 @@ def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True) -> Finished:
     finished = replace(mesh, vertices=vertices, quads=quads)
     if no_worse(mesh, finished):
         return Finished(finished, sequences)
-    return finish(mesh, smooth=smooth, clean=False) if smooth and clean else Finished(mesh, 0)
+    return cleaned(mesh, smooth, False) if smooth and clean else Finished(mesh, 0)
+
+
+def refilled(before: Finished, effort: Effort, ways: int, smooth: bool) -> Finished:
+    """A finished mesh with patches filled anew, and smoothed."""
+    mesh = before.mesh
+    work = build(mesh.vertices, mesh.quads, mesh.on_boundary)
+    patches = refill(work, effort, ways)
+    if patches == 0:
+        return before
+    if smooth:
+        relax(work, False, STEPS)
+        relax(work, True, SHARP_STEPS)
+    vertices, quads = compact(work, int(mesh.segments.max()) + 1)
+    return Finished(replace(mesh, vertices=vertices, quads=quads), before.sequences, patches)
+
+
+def better(before: Mesh, after: Mesh) -> bool:
+    """Whether fewer irregular vertices, or better elements, are worth what else a mesh has lost."""
+    old, new = convex_quality(before.vertices, before.quads), convex_quality(after.vertices, after.quads)
+    fewer = len(irregular(before)) - len(irregular(after))
+    if fewer < 0 or new.min() < min(float(old.min()), FLOOR):
+        return False
+    if fewer == 0:
+        return bool(new.mean() >= old.mean())
+    lost = (old.mean() - new.mean(), np.percentile(old, 5) - np.percentile(new, 5), old.min() - new.min())
+    return all(each <= most for each, most in zip(lost, LOST, strict=True))
 
 
 def no_worse(before: Mesh, after: Mesh) -> bool:

@@ -40,11 +40,13 @@ class Mesh(PlainMesh):
         Args:
             domain: see envs.domains.load.load.
             policy: the shipped one by default.
-            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``allow_large``: see mesher.mesh_domain.
+            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``, ``allow_large``: see
+                mesher.mesh_domain.
 
         Raises:
             DomainError: a mesh too large.
             MeshingError: a domain thinner than its coordinates are precise.
+            ValueError: an option's value that there is none of.
         """
         result = mesh_domain(Policy.load(DEFAULT) if policy is None else policy, domain, **options)
         best = result.finished
@@ -57,6 +59,7 @@ class Mesh(PlainMesh):
             elements: their number.
             eta, eta_p5, eta_min: element quality, 0 to 1 (a square): mean, 5th percentile, least.
             singularity: irregular nodes, interior nodes with other than four edges; a number.
+            singularity_least: as many, of three and five edges, the boundary asks for in any all-quad mesh.
             min_angle, max_angle: mean |least angle - 90| and |largest angle - 90|, degrees; 0 is best.
             scaled_jacobian: -1 to 1 (a rectangle); stretch: 0 to 1 (a square); taper: 0 (a parallelogram) and above.
             triangles, non_convex: numbers, always 0.
@@ -113,7 +116,7 @@ def mesh(
         density: ``sparse``, ``medium`` or ``dense``: how large elements grow inside.
         policy: the shipped one of that density by default.
         allow_large: make a mesh of more than 2 million elements, too.
-        options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``: see mesher.mesh_domain.
+        options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``: see mesher.mesh_domain.
 
     Raises:
         DomainError: not one polygon, one that cannot be meshed, or a mesh too large; one line with the place and the

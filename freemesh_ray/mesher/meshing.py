@@ -19,7 +19,7 @@ from envs.mesh import Mesh
 from envs.polygons.mesh_size import check_elements, expected_in_domain
 from envs.quality import element_quality
 from envs.types import Domain
-from freemesh_ray.finish import finish
+from freemesh_ray.finish import USUAL, finish
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.warm_up import warm_up
 from freemesh_ray.policies.policy import Policy
@@ -55,6 +55,7 @@ class MeshResult:
             filled the ring that was left count as ``filled``.
         backtracks: times that elements were taken back.
         sequences: topological changes of the clean-up.
+        patches: patches that were filled anew.
     """
 
     raw: Mesh
@@ -65,6 +66,7 @@ class MeshResult:
     sources: Mapping[str, int] = field(default_factory=dict)
     backtracks: int = 0
     sequences: int = 0
+    patches: int = 0
 
     @property
     def filled(self) -> int:
@@ -81,6 +83,7 @@ def mesh_domain(
     search: bool = False,
     smooth: bool = True,
     clean: bool = True,
+    effort: str = USUAL,
     allow_large: bool = False,
 ) -> MeshResult:
     """Mesh a domain.
@@ -92,7 +95,7 @@ def mesh_domain(
         best_of: meshes to make, each another way; the one whose elements are best in the mean is handed out.
         search: for each element take the best of several of the policy's draws, by its critics or by the reward;
             otherwise its mean action.
-        smooth, clean: see finish.
+        smooth, clean, effort: see finish.
         allow_large: make a mesh of more than ``mesh_size.MOST_ELEMENTS`` expected elements, too.
 
     The first call in a process loads the kernels, or compiles them, which no mesh's time includes.
@@ -108,7 +111,7 @@ def mesh_domain(
     free_memory.check(BYTES_PER_ELEMENT * expected, what, "use a larger edge length")
     warm_up(policy)
     began = time.perf_counter()
-    candidates = [mesh_once(policy, domain, (seed, k), search, smooth, clean) for k in range(best_of)]
+    candidates = [mesh_once(policy, domain, (seed, k), search, smooth, clean, effort) for k in range(best_of)]
     best = max(candidates, key=lambda one: mean_quality(one.finished))
     return replace(best, seconds_finished=time.perf_counter() - began) if best_of > 1 else best
 
@@ -119,7 +122,7 @@ def mean_quality(mesh: Mesh) -> float:
 
 
 def mesh_once(
-    policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, smooth: bool, clean: bool
+    policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, smooth: bool, clean: bool, effort: str
 ) -> MeshResult:
     """One mesh for `mesh_domain`."""
     began = time.perf_counter()
@@ -130,12 +133,12 @@ def mesh_once(
     raw = validated(completed(grown, domain), domain)
     seconds_raw = time.perf_counter() - began
     sources = dict(grown.sources) | {"filled": len(raw.quads) - len(grown.mesh.quads)}
-    finished, sequences = raw, 0
+    finished, sequences, patches = raw, 0, 0
     if smooth or clean:
-        result = finish(raw, smooth=smooth, clean=clean)
-        finished, sequences = validated(result.mesh, domain), result.sequences
+        result = finish(raw, smooth=smooth, clean=clean, effort=effort)
+        finished, sequences, patches = validated(result.mesh, domain), result.sequences, result.patches
     seconds = time.perf_counter() - began
-    return MeshResult(raw, finished, seconds_raw, seconds, attempts, sources, grown.backtracks, sequences)
+    return MeshResult(raw, finished, seconds_raw, seconds, attempts, sources, grown.backtracks, sequences, patches)
 
 
 def exploration(search: bool, number: int) -> float:

@@ -20,6 +20,7 @@ import numpy as np
 
 from envs.quality import element_quality
 from envs.types import Floats, Ints
+from freemesh_ray.meshes.index import boundary_of, least_irregular
 from freemesh_ray.meshes.protocol import PlaneMesh
 
 
@@ -56,6 +57,8 @@ def measure(mesh: PlaneMesh) -> dict[str, float]:
         ``elements``: their number, ``triangles`` included: how many have three corners.
         ``non_convex``: quadrilaterals with a corner of 180 degrees or more.
         ``singularity``: interior vertices whose valence is not 4 (the paper's definition).
+        ``singularity_least``: those of valence 3 and 5 that the boundary asks for (see ``index``); NaN when the mesh is
+        not complete.
         ``singularity_authors``: vertices, boundary included, of other than 1, 2 or 4 elements (the authors' code).
         Those of :func:`by_element`: means over the quadrilaterals, NaN when there are none.
         ``eta_p5``, ``eta_min``: 5th percentile and least element quality.
@@ -66,6 +69,9 @@ def measure(mesh: PlaneMesh) -> dict[str, float]:
         "triangles": float(len(mesh.triangles)),
         "non_convex": float((inner_angles(mesh.vertices[mesh.quads]) >= 180.0).any(axis=1).sum()),
         "singularity": float(len(irregular(mesh))),
+        "singularity_least": float(least_irregular(mesh.vertices, boundary_of(mesh)))
+        if mesh.complete
+        else float("nan"),
         "singularity_authors": float(len(irregular_authors(mesh))),
         **{name: _over(each) for name, each in values.items()},
         "eta_p5": _over(values["eta"], lambda eta: np.percentile(eta, 5)),

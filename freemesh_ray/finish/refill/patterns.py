@@ -1,0 +1,366 @@
+"""The fillings that a patch may get, and the order in which they are worth a trial.
+
+What a filling costs is the irregular vertices that it leaves on and in the loop: a vertex of the loop inside the domain
+is regular with four elements in all, one on the boundary as the clean-up has it. Among fillings that leave as many
+those come first whose straight sides are nearest to as long as their elements should be.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.kernels.compiled import inlined, inner
+from envs.types import Floats
+from freemesh_ray.finish.changes import boundary_cost
+from freemesh_ray.finish.halfedges import Halfedges
+from freemesh_ray.finish.refill.filling import CORNER_COUNT, LENGTH, Filling, begin, row, rows_fit, spokes_of
+from freemesh_ray.finish.refill.growth import LOOP, SIZE, WORK, Growth, new_mark, outside
+
+RECTANGLE, STAR, CUT = range(3)
+#: Columns of Patterns.options: the key they are sorted by, irregular vertices left, kind, three numbers of the kind
+#: (rows, first place, first side; the place toggled; the two ends of a cut and its edges), elements.
+RANK, LEFT, KIND, FIRST, SECOND, THIRD, ELEMENTS = range(7)
+#: What an irregular vertex counts in the rank.
+WORTH = 0.5
+#: Options of each kind that are kept: rectangles for each number of rows, stars, cuts.
+KEPT = (4, 4, 8)
+#: Rows around a rectangle, at most, and over the length of the loop when that is the domain's boundary.
+ROWS, ROWS_OF_DOMAIN = 10, 5
+#: Elements over those before, at least and at most; of the whole domain.
+FEWEST, MOST_ELEMENTS = (0.75, 0.88), (1.3, 1.1)
+#: A cut's edges over its length in edge lengths, at least and at most; the longest loop that is cut.
+SHORT, LONG, LONGEST = 0.75, 1.35, 160
+#: Places on a loop without corners that a rectangle's corners are tried at, about.
+PLACES = 100
+#: Options in all, at most.
+ROOM = 4096
+
+
+class Patterns(NamedTuple):
+    """Working memory.
+
+    Attributes:
+        flat: (R,) float64, what each vertex of the loop costs with two elements of the filling.
+        more: (R,) float64, what it costs more as a corner, with one.
+        inner_more: (R,) float64, the same on the loop inside the rows.
+        options: (ROOM, 7) float64, see RANK.
+        before: (1,) float64, what the patch costs as it is.
+    """
+
+    flat: Floats
+    more: Floats
+    inner_more: Floats
+    options: Floats
+    before: Floats
+
+
+def patterns_of(elements: int) -> Patterns:
+    """Room for the patterns of patches with so many elements."""
+    room = 2 * elements + 16
+    return Patterns(np.zeros(room), np.zeros(room), np.zeros(room), np.zeros((ROOM, 7)), np.zeros(1))
+
+
+@inner
+def _keep(
+    options: Floats, first: int, count: int, room: int, left: float, prior: float, kind: int,
+    a: int, b: int, c: int, elements: int,
+) -> int:  # fmt: skip
+    """Keep an option if it is among the best ``room`` from ``first`` on; how many there are in all."""
+    rank = WORTH * left + prior
+    end = min(first + room, len(options))
+    if first >= end or (count == end and options[end - 1, RANK] <= rank):
+        return count
+    at = count if count < end else end - 1
+    while at > first and options[at - 1, RANK] > rank:
+        for column in range(7):
+            options[at, column] = options[at - 1, column]
+        at -= 1
+    options[at, RANK], options[at, LEFT], options[at, KIND], options[at, ELEMENTS] = rank, left, kind, elements
+    options[at, FIRST], options[at, SECOND], options[at, THIRD] = a, b, c
+    return min(count + 1, end)
+
+
+@inner
+def assess(mesh: Halfedges, growth: Growth, patterns: Patterns) -> float:
+    """Work out what the patch costs and what each vertex of its loop would; the least that a filling can leave.
+
+    The vertices of the loop tell a least number, and where the loop lies inside the domain the index theorem does:
+    there the sum of 4 less the valence, over the loop and what is inside it, is the same for all fillings.
+    """
+    least, total, index, touches, mark = 0.0, 0.0, 0, False, new_mark(growth)
+    for i in range(growth.counts[LOOP]):
+        v = growth.loop[i]
+        growth.vertex_mark[v] = mark
+        around = outside(mesh, growth, v)
+        if mesh.fixed[v]:
+            touches = True
+            total += boundary_cost(mesh.degree[v] - mesh.ideal[v])
+            flat, corner = boundary_cost(around + 2 - mesh.ideal[v]), boundary_cost(around + 1 - mesh.ideal[v])
+        else:
+            total += 1.0 if mesh.degree[v] != 4 else 0.0
+            index += 4 - mesh.degree[v]
+            flat, corner = 1.0 if around != 2 else 0.0, 1.0 if around != 3 else 0.0
+        patterns.flat[i], patterns.more[i] = flat, corner - flat
+        least += min(flat, corner)
+    for i in range(growth.counts[SIZE]):
+        for c in range(4):
+            v = mesh.quads[growth.members[i], c]
+            if growth.vertex_mark[v] != mark:
+                growth.vertex_mark[v] = mark
+                total += 1.0 if mesh.degree[v] != 4 else 0.0
+                index += 4 - mesh.degree[v]
+    patterns.before[0] = total
+    return least if touches else max(least, float(abs(index)))
+
+
+@inlined
+def _miss(filling: Filling, p: int, q: int, edges: int, h: float) -> float:
+    """How far, as a logarithm, the straight way between two places of the loop is from so many edges; squared."""
+    a, b, xy = filling.loop[p], filling.loop[q], filling.xy
+    length = math.sqrt((xy[b, 0] - xy[a, 0]) ** 2 + (xy[b, 1] - xy[a, 1]) ** 2)
+    return math.log(max(1e-9, length / (edges * h))) ** 2
+
+
+@inner
+def _list_rectangles(
+    filling: Filling, options: Floats, more: Floats, base: float, most: float, rows: int, made: int,
+    low: float, high: float, h: float, by_area: float, first: int,
+) -> int:  # fmt: skip
+    """Offer the rectangles on the loop, one for each length of their sides; how many options there are in all.
+
+    Args:
+        more: what each place costs as a corner, over what it costs otherwise.
+        base: what the filling costs without the rectangle's corners.
+        most: what it may cost.
+        rows: laid so far, and ``made``: elements in them.
+        low, high: elements that the filling may have.
+        h: length of an edge.
+        by_area: what it counts, as a logarithm, that the area inside is not that of so many squares.
+        first: options before.
+    """
+    n, count = filling.counts[LENGTH], first
+    half, area = n >> 1, 0.0
+    for i in range(n):
+        a, b = filling.loop[i], filling.loop[(i + 1) % n]
+        area += 0.5 * (filling.xy[a, 0] * filling.xy[b, 1] - filling.xy[b, 0] * filling.xy[a, 1])
+    stride = 1 + half // PLACES if rows > 0 and filling.counts[CORNER_COUNT] == 0 else 1
+    for a in range(1, half, stride):
+        b, elements = half - a, made + a * (half - a)
+        if elements < low or elements > high:
+            continue
+        best = math.inf
+        best_left, best_p = 0.0, 0
+        for p in range(0, half, stride):
+            right, top, end = p + a, p + half, (p + half + a) % n
+            left = base + more[p] + more[right] + more[top] + more[end]
+            if left > most:
+                continue
+            miss = _miss(filling, p, right, a, h) + _miss(filling, right, top, b, h)
+            miss += _miss(filling, top, end, a, h) + _miss(filling, end, p, b, h)
+            rank = WORTH * left + math.sqrt(miss)
+            if rank < best:
+                best, best_left, best_p = rank, left, p
+        if best < math.inf:
+            prior = best - WORTH * best_left
+            prior += by_area * abs(math.log(max(1e-9, area / (h * h * a * b))))
+            count = _keep(
+                options, first, count, KEPT[RECTANGLE], best_left, prior, RECTANGLE, rows, best_p, a, elements
+            )
+    return count
+
+
+@inner
+def _list_star(
+    filling: Filling, options: Floats, toggled: int, left: float, prior: float, low: float, high: float,
+    first: int, count: int,
+) -> int:  # fmt: skip
+    """Offer a star with the loop's corners, one place toggled; how many options there are in all."""
+    n, corners, sides, role = filling.counts[LENGTH], filling.counts[CORNER_COUNT], 0, filling.role
+    begin_at = last = -1
+    for i in range(n):
+        if (role[i] == 1) == (i != toggled):
+            if begin_at == -1:
+                begin_at = i
+            else:
+                filling.lengths[sides] = i - last
+                sides += 1
+            last = i
+            if sides > 5:
+                return count
+    if begin_at == -1:
+        return count
+    filling.lengths[sides] = begin_at + n - last
+    sides += 1
+    if sides not in (3, 5) or corners > 6 or not spokes_of(filling.lengths, sides, filling.before_spoke):
+        return count
+    elements = 0
+    for i in range(sides):
+        elements += filling.before_spoke[i] * filling.before_spoke[(i + 1) % sides]
+    if elements < low or elements > high:
+        return count
+    return _keep(options, first, count, KEPT[STAR], left, prior, STAR, toggled, 0, 0, elements)
+
+
+@inner
+def _list_stars(
+    filling: Filling, options: Floats, more: Floats, base: float, most: float, low: float, high: float, first: int
+) -> int:
+    """Offer the stars on the loop, as it is and with a corner more or less."""
+    n, corners, count = filling.counts[LENGTH], filling.counts[CORNER_COUNT], first
+    if corners in (3, 5) and base + 1.0 <= most:
+        count = _list_star(filling, options, -1, base + 1.0, 0.3, low, high, first, count)
+    if corners in (2, 4, 6):
+        for i in range(n):
+            corner = filling.role[i] == 1
+            left = base + 1.0 + (-more[i] if corner else more[i])
+            if left <= most and (corners != 6 or corner) and (corners != 2 or not corner):
+                count = _list_star(filling, options, i, left, 0.5, low, high, first, count)
+    return count
+
+
+@inlined
+def _shape_elements(filling: Filling, sides: int) -> int:
+    """Elements of a rectangle or star with these side lengths; 0 when there is none."""
+    lengths, u = filling.lengths, filling.before_spoke
+    if sides == 4:
+        return lengths[0] * lengths[1] if lengths[0] == lengths[2] and lengths[1] == lengths[3] else 0
+    if not spokes_of(lengths, sides, u):
+        return 0
+    elements = 0
+    for i in range(sides):
+        elements += u[i] * u[(i + 1) % sides]
+    return elements
+
+
+@inner
+def _side_lengths(filling: Filling, p: int, d: int, edges: int) -> int:
+    """Sides of the piece from place p over d edges of the loop and back over a path; how many, at most 6."""
+    n, sides, last = filling.counts[LENGTH], 0, 0
+    for step in range(1, d):
+        if filling.role[(p + step) % n] == 1:
+            if sides == 4:
+                return 6
+            filling.lengths[sides] = step - last
+            sides, last = sides + 1, step
+    filling.lengths[sides], filling.lengths[sides + 1] = d - last, edges
+    return sides + 2
+
+
+@inner
+def _list_cuts(
+    filling: Filling, options: Floats, base: float, most: float, low: float, high: float, h: float, first: int
+) -> int:
+    """Offer the cuts between flat places of the loop into rectangles and stars."""
+    n, corners, count, xy = filling.counts[LENGTH], filling.counts[CORNER_COUNT], first, filling.xy
+    if corners not in (2, 4, 6) or n > LONGEST or base + 1.0 > most:
+        return count
+    for p in range(n):
+        if filling.role[p] == 1:
+            continue
+        ends = 2
+        for d in range(1, n):
+            q = (p + d) % n
+            if filling.role[q] == 1:
+                ends += 1
+                if ends > 5:
+                    break
+                continue
+            others = corners + 4 - ends
+            if ends < 3 or others < 3 or others > 5 or ends > others or (ends == others and (q < p or ends == 4)):
+                continue
+            left = base + (ends != 4) + (others != 4)
+            if left > most:
+                continue
+            a, b = filling.loop[p], filling.loop[q]
+            length = math.sqrt((xy[b, 0] - xy[a, 0]) ** 2 + (xy[b, 1] - xy[a, 1]) ** 2) / h
+            for edges in range(max(1, int(length * SHORT)), math.ceil(length * LONG) + 1):
+                sides = _side_lengths(filling, p, d, edges)
+                here = _shape_elements(filling, sides) if sides == ends else 0
+                if here == 0:
+                    continue
+                sides = _side_lengths(filling, q, n - d, edges)
+                there = _shape_elements(filling, sides) if sides == others else 0
+                if there == 0 or here + there < low or here + there > high:
+                    continue
+                prior = abs(math.log(max(1e-9, length / edges)))
+                count = _keep(options, first, count, KEPT[CUT], left, prior, CUT, p, q, edges, here + there)
+    return count
+
+
+@inner
+def list_patterns(
+    mesh: Halfedges, growth: Growth, filling: Filling, patterns: Patterns, most: float, whole: bool
+) -> int:
+    """Fill ``patterns.options``, the best first, with the fillings that leave at most ``most``; how many there are.
+
+    Args:
+        mesh, growth: not changed; the patch is assessed.
+        filling: overwritten.
+        patterns: as ``assess`` left it.
+        most: what irregular vertices may cost.
+        whole: whether the patch is the whole domain.
+    """
+    n, size = growth.counts[LOOP], growth.counts[SIZE]
+    if n & 1 or n < 4 or not begin(mesh, growth, filling):
+        return 0
+    low = FEWEST[1 if whole else 0] * size - 2.0
+    high = MOST_ELEMENTS[1 if whole else 0] * size + 2.0
+    base, h, options, xy = 0.0, 0.0, patterns.options, filling.xy
+    for i in range(n):
+        base += patterns.flat[i]
+        h += math.sqrt((xy[(i + 1) % n, 0] - xy[i, 0]) ** 2 + (xy[(i + 1) % n, 1] - xy[i, 1]) ** 2) / n
+        filling.role[i] = 0
+    growth.counts[WORK] += n + (n * n >> 4)
+    count = _list_rectangles(filling, options, patterns.more, base, most, 0, 0, low, high, h, 0.0, 0)
+    for k in range(filling.counts[CORNER_COUNT]):
+        base += patterns.more[filling.corners[k]]
+        filling.role[filling.corners[k]] = 1
+    count = _list_stars(filling, options, patterns.more, base, most, low, high, count)
+    count = _list_cuts(filling, options, base, most, low, high, h, count)
+    corners, made = filling.counts[CORNER_COUNT], 0
+    if base > most:
+        return _sorted(options, count)
+    for rows in range(1, (n // ROWS_OF_DOMAIN if whole else ROWS) + 1):
+        if not rows_fit(filling) or made > high:
+            break
+        made += filling.counts[LENGTH] - corners
+        row(filling, h)
+        inside = filling.counts[LENGTH]
+        if made + inside * inside / 16.0 < low:
+            continue
+        for i in range(inside):
+            patterns.inner_more[i] = 1.0
+        for k in range(corners):
+            patterns.inner_more[filling.corners[k]] = -1.0
+        growth.counts[WORK] += inside * inside >> 5
+        count = _list_rectangles(
+            filling,
+            options,
+            patterns.inner_more,
+            base + corners,
+            most,
+            rows,
+            made,
+            low,
+            high,
+            h,
+            0.0 if whole else 1.0,
+            count,
+        )
+    return _sorted(options, count)
+
+
+@inner
+def _sorted(options: Floats, count: int) -> int:
+    """Sort the options by rank; how many there are."""
+    for i in range(1, count):
+        at = i
+        while at > 0 and options[at - 1, RANK] > options[at, RANK]:
+            for column in range(7):
+                kept = options[at, column]
+                options[at, column], options[at - 1, column] = options[at - 1, column], kept
+            at -= 1
+    return count

@@ -1,0 +1,297 @@
+"""Patches filled anew: a valid mesh of the same domain, with fewer irregular vertices, the same every time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rough_meshes import SHAPES, fan, grid, halfedges, rough
+from test_halfedges import check
+
+from envs.mesh import Mesh
+from envs.quality import element_quality
+from envs.types import Floats
+from freemesh_ray.finish import EFFORTS, finish
+from freemesh_ray.finish.cleanup import FLOOR
+from freemesh_ray.finish.finish import LOST, better
+from freemesh_ray.finish.halfedges import NONE, Halfedges, compact
+from freemesh_ray.finish.refill import Effort, refill
+from freemesh_ray.finish.refill.filling import (
+    CORNER_COUNT,
+    LENGTH,
+    QUADS,
+    VERTICES,
+    Filling,
+    cut,
+    filling_of,
+    rectangle,
+    row,
+    rows_fit,
+    spokes_of,
+    toggled_star,
+)
+from freemesh_ray.finish.refill.growth import LOOP, SIZE, Growth, add, growth_of, push_fan, shrink, stack_around
+from freemesh_ray.finish.refill.placement import place, placement_of
+from freemesh_ray.meshes.metrics import irregular
+
+
+def on_circle(n: int, corners: list[int], room: int = 4000) -> Filling:
+    """An empty loop of n vertices on the unit circle, with corners at these places."""
+    filling = filling_of(room)
+    turn = 2.0 * np.pi * np.arange(n) / n
+    filling.xy[:n] = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    filling.loop[:n] = np.arange(n)
+    filling.corners[: len(corners)] = corners
+    filling.counts[:] = [0, n, n, len(corners)]
+    return filling
+
+
+def mesh_of(filling: Filling, n: int) -> Mesh:
+    """The filling as a mesh of the polygon that its loop is."""
+    i = np.arange(n)
+    vertices, quads = filling.xy[: filling.counts[VERTICES]].copy(), filling.quads[: filling.counts[QUADS]].copy()
+    return Mesh("filling", vertices, quads, np.stack([i, (i + 1) % n], axis=1), True)
+
+
+def check_filling(filling: Filling, n: int, singular: int) -> None:
+    """Assert that it fills the loop: it is a disc of elements, its rim the loop, with so many irregular vertices."""
+    mesh = mesh_of(filling, n)
+    edges, counts = mesh.edges
+    assert (counts <= 2).all()
+    once = {tuple(edge) for edge in edges[counts == 1].tolist()}
+    assert once == {tuple(edge) for edge in np.sort(mesh.segments, axis=1).tolist()}
+    directed = [side for quad in mesh.quads.tolist() for side in pairwise([*quad, quad[0]])]
+    assert len(set(directed)) == len(directed)
+    np.testing.assert_array_equal(np.unique(mesh.quads), np.arange(len(mesh.vertices)))
+    assert len(mesh.vertices) - len(edges) + len(mesh.quads) == 1
+    assert len(irregular(mesh)) == singular
+
+
+@given(a=st.integers(1, 12), b=st.integers(1, 12), p=st.integers(0, 60))
+def test_rectangles(a: int, b: int, p: int) -> None:
+    n = 2 * (a + b)
+    filling = on_circle(n, [])
+    rectangle(filling, filling.loop, n, p % n, a)
+    check_filling(filling, n, 0)
+    assert filling.counts[QUADS] == a * b
+
+
+@given(sides=st.lists(st.integers(3, 9), min_size=0, max_size=7), rows=st.integers(1, 3), a=st.integers(1, 9))
+def test_rows_around_a_rectangle(sides: list[int], rows: int, a: int) -> None:
+    n = sum(sides) + sum(sides) % 2 if sides else 24
+    if n < 4:
+        return
+    filling = on_circle(n, np.cumsum([0, *sides[:-1]]).tolist() if sides else [])
+    made = 0
+    for _ in range(rows):
+        if not rows_fit(filling):
+            break
+        made += filling.counts[LENGTH] - filling.counts[CORNER_COUNT]
+        row(filling, 0.1)
+        assert filling.counts[QUADS] == made
+    inside = int(filling.counts[LENGTH])
+    rectangle(filling, filling.loop, inside, 0, min(a, inside // 2 - 1))
+    mesh = mesh_of(filling, n)
+    check_filling(filling, n, len(irregular(mesh)))
+    # What the index theorem says of the loop's own elements.
+    valence = np.bincount(mesh.quads.ravel())
+    assert (4 - valence[n:]).sum() == 4 - (2 - valence[:n]).sum()
+
+
+@given(u=st.lists(st.integers(1, 7), min_size=5, max_size=5), count=st.sampled_from([3, 5]))
+def test_stars(u: list[int], count: int) -> None:
+    lengths = np.array([u[i] + u[(i + 2) % count] for i in range(count)])
+    found = np.zeros(8, dtype=np.int64)
+    assert spokes_of(lengths, count, found)
+    assert found[:count].tolist() == u[:count]
+    n = int(lengths.sum())
+    corners = np.cumsum([0, *lengths[:-1]]).tolist()
+    filling = on_circle(n, corners)
+    toggled_star(filling, -1)
+    check_filling(filling, n, 1)
+    for left_out in (corners[0], corners[-1], corners[1]):
+        filling = on_circle(n, [corner for corner in corners if corner != left_out])
+        toggled_star(filling, left_out)
+        check_filling(filling, n, 1)
+
+
+def test_side_lengths_that_make_no_star() -> None:
+    for lengths in ([2, 2, 3], [1, 1, 4], [9, 2, 3], [1, 1, 1, 1, 1]):
+        assert not spokes_of(np.array(lengths), len(lengths), np.zeros(8, dtype=np.int64))
+
+
+@given(u=st.lists(st.integers(1, 5), min_size=3, max_size=3), b=st.integers(1, 6), begin=st.integers(0, 50))
+def test_cuts_into_a_star_and_a_rectangle(u: list[int], b: int, begin: int) -> None:
+    """A rectangle on one side of a three-pointed star: a loop with three corners, the cut's ends flat."""
+    lengths = [u[i] + u[(i + 2) % 3] for i in range(3)]
+    n = lengths[0] + lengths[1] + 2 * b + lengths[2]
+    # The star's sides 0 and 1, then along b, back over side 2's length, and down b again.
+    corners = [lengths[0], lengths[0] + lengths[1] + b, lengths[0] + lengths[1] + b + lengths[2]]
+    shift = begin % n
+    filling = on_circle(n, sorted((corner + shift) % n for corner in corners))
+    cut(filling, shift, (lengths[0] + lengths[1] + shift) % n, lengths[2])
+    check_filling(filling, n, 1)
+
+
+def test_places_are_in_the_middle_of_their_neighbours() -> None:
+    filling = on_circle(24, [0, 6, 12, 18])
+    row(filling, 0.3)
+    rectangle(filling, filling.loop, int(filling.counts[LENGTH]), 0, 4)
+    taken = place(filling, placement_of(filling), 24, 200)
+    mesh = mesh_of(filling, 24)
+    assert 0 < taken < 200
+    edges, _ = mesh.edges
+    total, count = np.zeros_like(mesh.vertices), np.zeros(len(mesh.vertices))
+    for ends in (edges, edges[:, ::-1]):
+        np.add.at(total, ends[:, 0], mesh.vertices[ends[:, 1]])
+        np.add.at(count, ends[:, 0], 1.0)
+    middle = total / count[:, None]
+    assert np.abs(mesh.vertices - middle)[24:].max() < 1e-2
+    assert place(filling, placement_of(filling), 24, 0) == 0
+
+
+def patch_mask(growth: Growth) -> np.ndarray:
+    mask = np.zeros(len(growth.inside), dtype=bool)
+    mask[growth.members[: growth.counts[SIZE]]] = True
+    return mask
+
+
+def check_patch(work: Halfedges, growth: Growth) -> None:
+    """Assert that the patch is a disc, and that inside the domain no vertex of its loop has one element outside."""
+    mask, n = patch_mask(growth), growth.counts[LOOP]
+    np.testing.assert_array_equal(growth.inside, mask)
+    uses = np.bincount(work.quads[mask].ravel(), minlength=len(growth.uses))
+    np.testing.assert_array_equal(growth.uses, uses)
+    loop = growth.loop[:n]
+    assert len(np.unique(loop)) == n
+    h = (4 * np.flatnonzero(mask)[:, None] + np.arange(4)).ravel()
+    rim = h[(work.opp[h] == NONE) | ~mask[work.opp[h] >> 2]]
+    assert sorted(rim.tolist()) == sorted(growth.rim[:n].tolist())
+    vertices, edges = len(np.unique(work.quads[mask])), (len(h) + len(rim)) // 2
+    assert vertices - edges + mask.sum() == 1
+    inner = loop[~work.fixed[loop]]
+    assert (work.degree[inner] - uses[inner] != 1).all()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("seed", range(2))
+def test_patches_grow_as_discs_without_reflex_corners(shape: str, seed: int) -> None:
+    work = halfedges(rough(shape, seed))
+    growth = growth_of(work)
+    for v in range(work.counts[VERTICES]):
+        if work.degree[v] == 0 or work.fixed[v]:
+            continue
+        shrink(work, growth, 0)
+        if not add(work, growth, push_fan(work, growth, v, 0), 40):
+            assert growth.counts[SIZE] == 0
+            continue
+        while True:
+            check_patch(work, growth)
+            before = patch_mask(growth)
+            if not add(work, growth, stack_around(work, growth), 40):
+                break
+            assert growth.counts[SIZE] <= 40
+        np.testing.assert_array_equal(patch_mask(growth), before)
+
+
+def refilled(mesh: Mesh, effort: Effort, ways: int = 0) -> tuple[Mesh, Halfedges, int]:
+    work = halfedges(mesh)
+    count = refill(work, effort, ways)
+    vertices, quads = compact(work, int(mesh.segments.max()) + 1)
+    return replace(mesh, vertices=vertices, quads=quads), work, count
+
+
+def surplus(mesh: Mesh) -> int:
+    """Elements at the boundary and valences inside, summed as the index theorem does."""
+    elements = np.bincount(mesh.quads.ravel(), minlength=len(mesh.vertices))
+    inside = ~mesh.on_boundary & (elements > 0)
+    passes = np.bincount(mesh.segments[:, 0], minlength=len(mesh.vertices))
+    return int((4 - elements[inside]).sum() + (2 * passes - elements)[mesh.on_boundary].sum())
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.sampled_from(sorted(SHAPES)), seed=st.integers(0, 10_000), changes=st.integers(0, 25),
+    effort=st.sampled_from(["usual", "thorough"]), ways=st.sampled_from([0, 1]),
+)  # fmt: skip
+def test_what_comes_out_is_a_mesh_of_the_same_domain(
+    shape: str, seed: int, changes: int, effort: str, ways: int
+) -> None:
+    mesh = rough(shape, seed, changes)
+    result, work, count = refilled(mesh, EFFORTS[effort], ways)
+    check(work)
+    assert result.defects(mesh.areas.sum()) == []
+    rim = np.flatnonzero(mesh.on_boundary)
+    np.testing.assert_array_equal(result.vertices[rim], mesh.vertices[rim])
+    assert element_quality(result.vertices, result.quads).min() >= min(
+        element_quality(mesh.vertices, mesh.quads).min(), FLOOR
+    )
+    assert surplus(result) == surplus(mesh)
+    again, _, twice = refilled(mesh, EFFORTS[effort], ways)
+    assert twice == count
+    np.testing.assert_array_equal(again.vertices, result.vertices)
+    np.testing.assert_array_equal(again.quads, result.quads)
+    if count == 0:
+        np.testing.assert_array_equal(result.quads, mesh.quads)
+        np.testing.assert_array_equal(result.vertices, mesh.vertices)
+
+
+def test_rough_squares_become_grids() -> None:
+    for seed in range(6):
+        mesh = rough("square", seed)
+        result, _, count = refilled(mesh, EFFORTS["usual"])
+        assert (len(result.quads), len(irregular(result))) == (49, 0)
+        assert count > 0 or len(irregular(mesh)) == 0
+        assert element_quality(result.vertices, result.quads).min() > 0.999 or count == 0
+
+
+def test_no_effort_and_regular_meshes_leave_all_as_it_is() -> None:
+    for mesh, effort in ((rough("L", 3), "quick"), (grid("ring"), "thorough"), (grid("cell"), "usual")):
+        result, _, count = refilled(mesh, EFFORTS[effort])
+        assert count == 0
+        np.testing.assert_array_equal(result.vertices, mesh.vertices)
+        np.testing.assert_array_equal(result.quads, mesh.quads)
+
+
+def test_work_is_bounded() -> None:
+    mesh = rough("L", 11, 25)
+    counts = [refilled(mesh, EFFORTS["thorough"]._replace(work=work, share=work))[2] for work in (1, 20_000, 1 << 40)]
+    assert counts[0] <= 1
+    assert counts == sorted(counts)
+    assert counts[-1] > 1
+
+
+@pytest.mark.parametrize("elements", [3, 5, 12, 40])
+def test_a_vertex_with_many_elements_does_no_harm(elements: int) -> None:
+    mesh = fan(elements)
+    result, work, _ = refilled(mesh, EFFORTS["thorough"])
+    check(work)
+    assert result.defects(mesh.areas.sum()) == []
+
+
+def star_mesh(eta_loss: float) -> Floats:
+    """Places of a grid's vertices, moved so that its elements lose some eta."""
+    mesh = grid("square", shake=0.0)
+    moved = mesh.vertices.copy()
+    moved[~mesh.on_boundary] += eta_loss
+    return moved
+
+
+def test_what_fewer_irregular_vertices_may_cost() -> None:
+    regular = grid("square", shake=0.0)
+    rough_one = rough("square", 0)
+    assert better(rough_one, regular)
+    assert not better(regular, rough_one)
+    assert better(regular, regular)
+    worse = replace(regular, vertices=star_mesh(0.2))
+    assert element_quality(worse.vertices, worse.quads).mean() < 1.0 - LOST[0]
+    assert not better(regular, worse)
+
+
+def test_an_effort_that_is_none_is_told() -> None:
+    with pytest.raises(ValueError, match="effort = 'much': use one of quick, usual, thorough"):
+        finish(grid("cell"), effort="much")
