@@ -31,6 +31,8 @@ TINY, COUNT = 1e-9, 10**12
 
 #: What the density term of the reward can be, in the order that compiled code numbers them.
 DENSITIES = ("continuous", "printed", "local")
+#: What lengths in action and observation are measured by.
+SCALES = ("front", "size")
 #: Where the paper and the code that its authors released differ: the one or the other.
 SOURCES = ("printed", "released")
 
@@ -166,6 +168,15 @@ class MeshingParameters:
     beta: float = _setting(6.0, "fan radius over base length", 1e-3, 1e3)
     n_rv: int = _setting(2, "neighbour pairs averaged for the choice of the reference vertex", 1, 8)
     alpha: float = _setting(2.0, "action radius over base length", 1e-3, 1e3)
+    scale: Literal["front", "size"] = _setting(
+        "front",
+        "what lengths in action and observation are in units of; front: the paper's base length, the mean of the front "
+        "edges around V_0; size: ours, the edge length wanted at V_0, and the observation tells that around and ahead",
+        words=SCALES,
+    )
+    size_gradient: float = _setting(
+        0.2, "ours: how much the edge length wanted may grow over a distance, from the boundary inwards", TINY, 10.0
+    )
     upsilon: float = _setting(1.0, "density weight, 0.5 dense, 1 medium, 1.5 sparse", TINY, 10.0)
     kappa: float = _setting(4.0, "divisor in A_max", TINY, 1e9)
     density: Literal["continuous", "printed", "local"] = _setting(
@@ -219,6 +230,21 @@ class MeshingParameters:
     def action_size(self) -> int:
         """3, or 5 with type 2."""
         return 5 if self.type2 else 3
+
+    @property
+    def sized(self) -> bool:
+        """Whether lengths are in units of the edge length wanted."""
+        return self.scale == "size"
+
+    @property
+    def drift(self) -> bool:
+        """Whether the observation tells the base length over the edge length wanted."""
+        return self.extended or self.sized
+
+    @property
+    def uses_sizes(self) -> bool:
+        """Whether the edge length wanted matters anywhere."""
+        return self.drift or self.density == "local"
 
 
 #: What each of the MDP's numbers means and may be, by name, in order.

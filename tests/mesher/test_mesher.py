@@ -248,7 +248,7 @@ def test_shapes_are_square_where_the_front_is() -> None:
     best = {TYPE_1: 0.0, TYPE_2: 0.0}
     for slot in range(12):
         for index in range(SHAPES):
-            if not shape(front, slot, index, mdp.n, mdp.alpha, action):
+            if not shape(front, slot, index, mdp, action):
                 continue
             cut = element(front, slot, action, True, mdp)
             kind = decode_type(action[0], True)

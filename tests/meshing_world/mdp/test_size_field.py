@@ -1,0 +1,192 @@
+"""The size field: its definition, its bounds, and what an episode makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from play import record, turns
+
+from envs.domains.load import from_rings, load
+from envs.domains.random_domain import circle
+from envs.mdp.front import FIELD, GIVEN, POINTS, wanted_size
+from envs.mdp.size_field import SizeField, capacity, size_field, sizes_at, sources
+from envs.mesh_env import MeshEnv
+from envs.types import Domain, Floats
+from envs.vector_env import MeshVectorEnv
+
+DOMAINS = ("T1", "T3", "D4", "D9", "random:3", "random:58?holes=2&vertices=60&unevenness=4")
+#: On a uniform boundary all is measured by the same length: the front's and the wanted one.
+UNIFORM = {"disc": circle(40), "square": [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)]}
+
+names = st.sampled_from(DOMAINS)
+gradients = st.floats(1e-3, 3.0)
+
+
+def field_of(domain: Domain, gradient: float) -> SizeField:
+    return size_field(domain, gradient, capacity(len(domain.points)))
+
+
+def places(domain: Domain, seed: int, count: int = 200) -> Floats:
+    """Points in the domain's bounding box and around it."""
+    low, high = domain.points.min(axis=0), domain.points.max(axis=0)
+    margin = 0.2 * (high - low)
+    return np.random.default_rng(seed).uniform(low - margin, high + margin, (count, 2))
+
+
+@settings(max_examples=40)
+@given(names, gradients, st.integers(0, 1000))
+def test_it_is_the_lowest_of_the_boundary_s_cones(name: str, gradient: float, seed: int) -> None:
+    domain = load(name)
+    at, cones = places(domain, seed), sources(domain)
+    distances = np.linalg.norm(at[:, None] - cones[None, :, :2], axis=2)
+    expected = np.minimum((cones[:, 2] + gradient * distances).min(axis=1), cones[:, 2].max())
+    np.testing.assert_allclose(sizes_at(field_of(domain, gradient), at), expected, rtol=2e-9)
+
+
+@settings(max_examples=40)
+@given(names, gradients, st.integers(0, 1000))
+def test_it_changes_no_faster_than_allowed_and_stays_within_the_boundary_s_sizes(
+    name: str, gradient: float, seed: int
+) -> None:
+    domain = load(name)
+    at, h = places(domain, seed), sources(domain)[:, 2]
+    found = sizes_at(field_of(domain, gradient), at)
+    assert h.min() * (1 - 1e-9) <= found.min() <= found.max() <= h.max()
+    apart = np.linalg.norm(at[:, None] - at, axis=2)
+    assert (np.abs(found[:, None] - found) <= gradient * apart * (1 + 1e-9) + 1e-8 * h.max()).all()
+
+
+@pytest.mark.parametrize("name", DOMAINS)
+def test_a_boundary_point_s_size_is_the_mean_of_its_segments_or_less(name: str) -> None:
+    domain = load(name)
+    at = sources(domain)
+    assert len(at) == len(domain.segments)
+    ends = domain.points[domain.segments]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    for x, y, h in at[::7]:
+        here = (domain.points[domain.segments] == [x, y]).all(axis=2).any(axis=1)
+        assert here.sum() == 2
+        assert h == pytest.approx(lengths[here].mean())
+    assert (sizes_at(field_of(domain, 0.2), at[:, :2]) <= at[:, 2] * (1 + 1e-12)).all()
+
+
+@settings(max_examples=20)
+@given(names, st.floats(-6.0, 6.0), st.integers(0, 1000))
+def test_it_scales_with_the_domain(name: str, exponent: float, seed: int) -> None:
+    domain, scale = load(name), 10.0**exponent
+    at = places(domain, seed)
+    larger = field_of(replace(domain, points=scale * domain.points), 0.2)
+    np.testing.assert_allclose(sizes_at(larger, scale * at), scale * sizes_at(field_of(domain, 0.2), at), rtol=1e-7)
+
+
+@pytest.mark.parametrize("name", UNIFORM)
+def test_on_a_uniform_boundary_it_is_the_same_everywhere_and_has_no_sources(name: str) -> None:
+    domain = from_rings(UNIFORM[name])
+    field = field_of(domain, 0.2)
+    assert field.key.min() == np.inf
+    np.testing.assert_array_equal(sizes_at(field, places(domain, 0)), field.most)
+
+
+def test_it_is_the_same_in_a_larger_tree() -> None:
+    domain = load("D9")
+    at = places(domain, 1)
+    np.testing.assert_array_equal(
+        sizes_at(field_of(domain, 0.1), at), sizes_at(size_field(domain, 0.1, 4 * capacity(len(domain.points))), at)
+    )
+
+
+@pytest.mark.parametrize("options", [{"scale": "size"}, {"density": "local"}, {"extended": True}], ids=str)
+@pytest.mark.parametrize("name", ["T1", "random:20", "random:3"])
+def test_every_vertex_of_a_mesh_wants_what_the_field_says(name: str, options: dict) -> None:
+    domain = load(name)
+    field = field_of(domain, 0.3)
+    for turn in turns(domain, 5, limit=60, type2=True, size_gradient=0.3, **options):
+        front = turn.episodes.front(turn.chosen or 0)
+        count = front.counts[POINTS]
+        np.testing.assert_array_equal(front.size[:count], sizes_at(field, front.points[:count]))
+    assert count > front.counts[GIVEN] + 10
+    assert wanted_size(front, *domain.points[0]) == front.size[0]
+
+
+def test_who_does_not_ask_for_it_pays_nothing() -> None:
+    front = MeshEnv("random:3").episodes._templates
+    assert front.source_key.min() == np.inf
+
+
+@pytest.mark.parametrize("name", UNIFORM)
+def test_where_the_front_has_the_wanted_size_both_scales_are_one(name: str) -> None:
+    """A uniform boundary: the observation begins alike, and the same action cuts the same element."""
+    first, cut = [], []
+    for scale in ("front", "size"):
+        env = MeshEnv(from_rings(UNIFORM[name]), scale=scale)
+        first.append(env.reset(seed=0)[0])
+        random = np.random.default_rng(1)
+        for _ in range(200):
+            if not (told := env.step(random.uniform(-1.0, 1.0, 3))[4])["rejection"]:
+                break
+        cut.append((told["eta_e"], env.episodes.ring(0)))
+    np.testing.assert_allclose(first[1][:15], first[0], atol=1e-6)
+    np.testing.assert_allclose(first[1][15:], 0.0, atol=1e-6)
+    assert cut[0][0] == pytest.approx(cut[1][0])
+    np.testing.assert_allclose(cut[0][1], cut[1][1], atol=1e-9)
+
+
+def test_what_is_too_long_is_seen_and_reach_does_not_grow_with_it() -> None:
+    """A square whose front is twice as long as wanted near V_0: lengths are told in wanted ones, twice those of L."""
+    ring = np.concatenate([np.array(UNIFORM["square"]) * 2.0, np.zeros((0, 2))])
+    fine = from_rings(ring)
+    front = MeshEnv(fine, scale="front").reset(seed=0)[0]
+    env = MeshEnv(fine, scale="size")
+    env.episodes._templates.size[:] *= 0.5
+    seen = env.reset(seed=0)[0]
+    lengths = slice(0, 8, 2)
+    np.testing.assert_allclose(seen[lengths], 2.0 * front[lengths], atol=1e-6)
+    assert seen[15] == pytest.approx(0.5)  # ln 2 / ln 4
+
+
+@pytest.mark.parametrize("name", ["random:3", "T2"])
+def test_a_batch_goes_as_single_environments_and_goes_on_from_its_state(name: str) -> None:
+    batch = MeshVectorEnv(2, name, scale="size", density="local", max_invalid=10**6)
+    single = MeshEnv(name, scale="size", density="local", max_invalid=10**6)
+    seen, _ = batch.reset(seed=3)
+    np.testing.assert_array_equal(seen[0], single.reset(seed=3)[0])
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        actions = random.uniform(-1.0, 1.0, (2, 3))
+        seen, rewards, *_ = batch.step(actions)
+        alone = single.step(actions[0])
+        np.testing.assert_array_equal(seen[0], alone[0])
+        assert rewards[0] == alone[1]
+        if alone[2] or alone[3]:
+            break
+    other = MeshVectorEnv(2, name, scale="size", density="local", max_invalid=10**6)
+    other.reset(seed=9)
+    state = batch.get_state()
+    assert not set(FIELD) & state["episodes"]["arrays"].keys()  # a checkpoint is what it was
+    other.set_state(state)
+    for _ in range(50):
+        actions = random.uniform(-1.0, 1.0, (2, 3))
+        for one, two in zip(batch.step(actions)[:4], other.step(actions)[:4], strict=True):
+            np.testing.assert_array_equal(one, two)
+
+
+def test_new_vertices_are_put_within_reach_of_the_wanted_length() -> None:
+    """No action puts a vertex farther than alpha h from V_0, however long the front's edges are."""
+    for seed in range(3):
+        for turn in turns(load("random:58?holes=2&vertices=60&unevenness=4"), seed, limit=25, scale="size"):
+            if turn.chosen is None or turn.after.counts[POINTS] == turn.before.counts[POINTS]:
+                continue
+            before = turn.before
+            slot = int(np.argmin(before.key[len(before.vid) :]))
+            new = turn.after.points[turn.after.counts[POINTS] - 1]
+            assert np.linalg.norm(new - before.xy[slot]) <= 2.0 * before.size[before.vid[slot]] * (1 + 1e-9)
+
+
+def test_play_is_repeatable() -> None:
+    one, two = (record(load("random:3"), 4, 200, scale="size") for _ in range(2))
+    for a, b in zip(one, two, strict=True):
+        assert a.tobytes() == b.tobytes()
