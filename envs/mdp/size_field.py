@@ -49,10 +49,10 @@ def size_at(key: Floats, box: Floats, most: float, gradient: float, x: float, y:
         return most
     sources = len(key) >> 1
     node = 1
-    while node < sources:  # down to a source that is likely the one: a bound to begin with
-        left = key[2 * node] + gradient * math.sqrt(slot_tree.box_distance2(box, 2 * node, x, y))
-        right = key[2 * node + 1] + gradient * math.sqrt(slot_tree.box_distance2(box, 2 * node + 1, x, y))
-        node = 2 * node if left <= right else 2 * node + 1
+    while node < sources:  # down to a source nearby: a bound to begin with
+        node *= 2
+        if slot_tree.box_distance2(box, node, x, y) > slot_tree.box_distance2(box, node + 1, x, y):
+            node += 1
     least = min(most, key[node] + gradient * math.sqrt(slot_tree.box_distance2(box, node, x, y)))
     node = 1
     while node:
