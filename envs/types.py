@@ -78,6 +78,41 @@ class Domain:
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0)))
 
 
+@dataclass(frozen=True)
+class SizeLimits:
+    """Bounds of the edge length wanted inside a domain.
+
+    Attributes:
+        least: in domain units, at least 0: what the boundary has finer is not carried inwards.
+        most: in domain units, above 0: how large elements may grow; infinite: to the largest size of the boundary.
+
+    Raises:
+        UserError: no positive number, or the least above the most.
+    """
+
+    least: float = 0.0
+    most: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.least < math.inf and self.most > 0.0):
+            raise UserError(
+                f"least size {self.least:g} and largest size {self.most:g}: give --min-size and --max-size positive "
+                "numbers in the polygon's units"
+            )
+        if self.least > self.most:
+            raise UserError(
+                f"least size {self.least:g} above largest size {self.most:g}: give --min-size at most --max-size"
+            )
+
+    def clipped(self, sizes: Floats) -> Floats:
+        """Sizes within the limits."""
+        return np.clip(sizes, self.least, self.most)
+
+
+#: None.
+NO_LIMITS = SizeLimits()
+
+
 class DomainSupply(Protocol):
     """An endless supply of domains: what an episode can be begun on in place of one domain.
 

@@ -4,7 +4,8 @@
 
 The sources x_i are the given boundary points, h_i is the mean length of the boundary segments that meet there, h_max
 the largest h_i, and g bounds how fast h changes (``size_gradient``). So h is the boundary's own size near it, grows
-inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary.
+inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary. Limits move
+every h_i between a least and a largest size, and h_max to the largest.
 
 The sources are the leaves of two trees as ``kernels.slot_tree`` has them: minima of h_i, and boxes. A query visits the
 nodes that can hold a source with a lower cone. A source above which another one's cone, or h_max, lies lower is left
@@ -20,7 +21,7 @@ import numpy as np
 
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined
-from envs.types import Domain, Floats
+from envs.types import NO_LIMITS, Domain, Floats, SizeLimits
 
 #: Sizes that differ by less than this share are one.
 EQUAL = 1e-9
@@ -84,17 +85,21 @@ def capacity(points: int) -> int:
     return 1 << max(1, int(points - 1).bit_length())
 
 
-def size_field(domain: Domain, gradient: float, places: int, *, flat: bool = False) -> SizeField:
+def size_field(
+    domain: Domain, gradient: float, places: int, *, limits: SizeLimits = NO_LIMITS, flat: bool = False
+) -> SizeField:
     """The field of a domain.
 
     Args:
         domain: its boundary is what the field comes from.
         gradient: g, above 0.
         places: S, a power of two, at least the number of its boundary points.
+        limits: of the sizes.
         flat: h_max everywhere, for whom the sizes do not matter: a field that costs nothing.
     """
     given = sources(domain)
-    most = float(given[:, 2].max())
+    given[:, 2] = limits.clipped(given[:, 2])
+    most = limits.most if np.isfinite(limits.most) else float(given[:, 2].max())
     if flat:
         given = given[:0]
     key = np.full(2 * places, np.inf)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any, Self
 
 from envs.domains.load import from_object, load_all
 from envs.mesh import Mesh as PlainMesh
-from envs.types import Domain, DomainError
+from envs.types import Domain, DomainError, SizeLimits
 from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import measure
@@ -40,7 +41,8 @@ class Mesh(PlainMesh):
         Args:
             domain: see envs.domains.load.load.
             policy: the shipped one by default.
-            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``allow_large``: see mesher.mesh_domain.
+            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``limits``, ``allow_large``: see
+                mesher.mesh_domain.
 
         Raises:
             DomainError: a mesh too large.
@@ -93,6 +95,8 @@ def mesh(
     *,
     edge_length: float | None = None,
     grading: float = 1.0,
+    min_size: float = 0.0,
+    max_size: float = math.inf,
     fix_parity: bool = False,
     name: str | None = None,
     density: str = "medium",
@@ -107,6 +111,8 @@ def mesh(
             ``from_object`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
         grading: largest over smallest piece; 1: all alike.
+        min_size, max_size: bounds of the edge length wanted inside, in the polygon's units, for a policy whose scale is
+            ``size``; by default those of the boundary.
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
             never is).
         name: what messages and files call it; by default the file's name, or ``polygon``.
@@ -118,6 +124,7 @@ def mesh(
     Raises:
         DomainError: not one polygon, one that cannot be meshed, or a mesh too large; one line with the place and the
             fix.
+        UserError: sizes that are none; PolicyError: sizes for a policy that knows none.
     """
     split: dict[str, Any] = {
         "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "allow_large": allow_large,
@@ -134,4 +141,5 @@ def mesh(
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
-    return Mesh.from_domain(domain, policy, allow_large=allow_large, **options)
+    limits = SizeLimits(min_size, max_size)
+    return Mesh.from_domain(domain, policy, limits=limits, allow_large=allow_large, **options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +13,11 @@ from play import record, turns
 
 from envs.domains.load import from_rings, load
 from envs.domains.random_domain import circle
+from envs.errors import UserError
 from envs.mdp.front import FIELD, GIVEN, POINTS, wanted_size
 from envs.mdp.size_field import SizeField, capacity, size_field, sizes_at, sources
 from envs.mesh_env import MeshEnv
-from envs.types import Domain, Floats
+from envs.types import Domain, Floats, SizeLimits
 from envs.vector_env import MeshVectorEnv
 
 DOMAINS = ("T1", "T3", "D4", "D9", "random:3", "random:58?holes=2&vertices=60&unevenness=4")
@@ -110,6 +112,29 @@ def test_every_vertex_of_a_mesh_wants_what_the_field_says(name: str, options: di
         np.testing.assert_array_equal(front.size[:count], sizes_at(field, front.points[:count]))
     assert count > front.counts[GIVEN] + 10
     assert wanted_size(front, *domain.points[0]) == front.size[0]
+
+
+@settings(max_examples=30)
+@given(names, st.floats(0.0, 3.0), st.floats(1.0, 4.0), st.integers(0, 1000))
+def test_limits_bound_it(name: str, share: float, ratio: float, seed: int) -> None:
+    """The sources' sizes are moved between the limits, and it grows up to the largest, no faster than allowed."""
+    domain = load(name)
+    cones, at = sources(domain), places(domain, seed)
+    limits = SizeLimits(share * float(cones[:, 2].mean()), max(share, 0.1) * ratio * float(cones[:, 2].mean()))
+    found = sizes_at(size_field(domain, 0.2, capacity(len(domain.points)), limits=limits), at)
+    distances = np.linalg.norm(at[:, None] - cones[None, :, :2], axis=2)
+    sizes = np.clip(cones[:, 2], limits.least, limits.most)
+    expected = np.minimum((sizes + 0.2 * distances).min(axis=1), limits.most)
+    np.testing.assert_allclose(found, expected, rtol=2e-9)
+    assert limits.least * (1 - 1e-9) <= found.min() <= found.max() <= limits.most
+
+
+@pytest.mark.parametrize(
+    "limits", [(-1.0, 1.0), (2.0, 1.0), (0.0, 0.0), (math.nan, 1.0), (0.0, math.nan), (math.inf, math.inf)]
+)
+def test_limits_that_are_none(limits: tuple[float, float]) -> None:
+    with pytest.raises(UserError, match="--min-size"):
+        SizeLimits(*limits)
 
 
 def test_who_does_not_ask_for_it_pays_nothing() -> None:
