@@ -78,7 +78,8 @@ class Episodes:
         for k, entry in enumerate(domains):
             if isinstance(entry, Domain):
                 self._prepare(k, entry)
-        self._fronts = fr.allocate(batch, self._slots, room, elements, self._sources)
+        fields = {name: getattr(self._templates, name) for name in fr.FIELD}
+        self._fronts = fr.allocate(batch, self._slots, room, elements, 1)._replace(**fields)
         self._numbers = transition.numbers(parameters)
         self._outcome = self.out = transition.outcome(batch, parameters)
         self._reward = None if reward is None else plug_ins.reward(reward)
@@ -97,6 +98,7 @@ class Episodes:
         for target, array in zip(self._templates, template, strict=True):
             target[row, : len(array)] = array
             target[row, len(array) :] = 0  # nothing stays of a larger domain before it
+        self._templates.field[row] = row
         self._caps[row] = min(fr.element_cap(domain, self.parameters), self._most_elements)
 
     def __len__(self) -> int:
@@ -194,7 +196,9 @@ class Episodes:
 
     def front(self, i: int) -> fr.Front:
         """The working memory of episode ``i`` (views)."""
-        return fr.Front(*(array[i] for array in self._fronts))
+        field = int(self._fronts.field[i, 0])
+        views = {name: array[i] for name, array in self._fronts._asdict().items() if name not in fr.FIELD}
+        return fr.Front(**views, **{name: getattr(self._fronts, name)[field] for name in fr.FIELD})
 
     def domain(self, i: int) -> Domain:
         """The domain that episode ``i`` is on."""
@@ -268,11 +272,10 @@ class Episodes:
         for i, domain in enumerate(self._drawn):
             if domain is not None:
                 self._prepare(len(self.domains) + i, domain)
-        for name in fr.FIELD:  # which follows from the domains
-            getattr(self._fronts, name)[:] = getattr(self._templates, name)[self._row_of]
+        self._fronts.field[:, 0] = self._row_of
 
     def _arrays(self) -> dict[str, np.ndarray]:
         names = [*fr.Front._fields, *transition.Outcome._fields, "domain_of", "row_of"]
         arrays = dict(zip(names, (*self._fronts, *self.out, self.domain_of, self._row_of), strict=True))
-        arrays = {name: array for name, array in arrays.items() if name not in fr.FIELD}
+        arrays = {name: array for name, array in arrays.items() if name not in (*fr.FIELD, "field")}
         return arrays if self._observer is None else arrays | {"paper_observation": self._outcome.observation}

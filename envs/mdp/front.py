@@ -36,7 +36,7 @@ AREA, AREA_0, A_MIN, A_MAX, TOLERANCE, ETA_SUM, RETURN = range(7)
 # Entries of Front.source_limits.
 MOST, GRADIENT = range(2)
 
-#: The size field, which stays as it is while a domain is meshed.
+#: The size field, which stays as it is while a domain is meshed; episodes of a batch share those of their domains.
 FIELD = ("source_key", "source_box", "source_limits")
 
 #: Elements around a regular vertex in the interior; on the boundary it is one for every right angle.
@@ -62,6 +62,7 @@ class Front(NamedTuple):
         need: (P,) int64, elements that each mesh vertex still lacks to be regular, negative when it has too many.
         source_key: (2 S,) float64, source_box: (2 S, 4) float64, the size field's trees (see size_field.SizeField).
         source_limits: (2,) float64, [h_max, g] of the size field.
+        field: (1,) int64, which of a batch's size fields is this front's.
         counts: (7,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps,
             given points].
         measure: (7,) float64, [area left, initial area, A_min, A_max, tolerance, sum of eta_e, return].
@@ -80,6 +81,7 @@ class Front(NamedTuple):
     source_key: Floats
     source_box: Floats
     source_limits: Floats
+    field: Ints
     counts: Ints
     measure: Floats
 
@@ -87,10 +89,12 @@ class Front(NamedTuple):
 @inlined
 def row(batch: Front, i: int) -> Front:
     """The front of episode i of a batch (views, no copies)."""
+    field = batch.field[i, 0]
     return Front(
         batch.xy[i], batch.vid[i], batch.prv[i], batch.nxt[i], batch.key[i], batch.box[i],
-        batch.points[i], batch.quads[i], batch.size[i], batch.need[i], batch.source_key[i], batch.source_box[i],
-        batch.source_limits[i], batch.counts[i], batch.measure[i],
+        batch.points[i], batch.quads[i], batch.size[i], batch.need[i],
+        batch.source_key[field], batch.source_box[field], batch.source_limits[field], batch.field[i],
+        batch.counts[i], batch.measure[i],
     )  # fmt: skip
 
 
@@ -301,7 +305,7 @@ def close(front: Front) -> None:
 
 @inner
 def restart(front: Front, template: Front) -> None:
-    """Make ``front`` the initial front ``template`` (which may have room for no elements)."""
+    """Make ``front`` the initial front ``template`` (which may have room for no elements, and shares its field)."""
     for slot in range(len(template.vid)):
         front.xy[slot, 0], front.xy[slot, 1] = template.xy[slot, 0], template.xy[slot, 1]
         front.vid[slot], front.prv[slot], front.nxt[slot] = template.vid[slot], template.prv[slot], template.nxt[slot]
@@ -312,12 +316,7 @@ def restart(front: Front, template: Front) -> None:
     for vertex in range(len(template.points)):
         front.points[vertex, 0], front.points[vertex, 1] = template.points[vertex, 0], template.points[vertex, 1]
         front.size[vertex], front.need[vertex] = template.size[vertex], template.need[vertex]
-    for node in range(len(template.source_key)):
-        front.source_key[node] = template.source_key[node]
-        for side in range(4):
-            front.source_box[node, side] = template.source_box[node, side]
-    for entry in range(len(template.source_limits)):
-        front.source_limits[entry] = template.source_limits[entry]
+    front.field[0] = template.field[0]
     for entry in range(len(template.counts)):
         front.counts[entry] = template.counts[entry]
     for entry in range(len(template.measure)):
@@ -422,6 +421,7 @@ def template(
         source_key=field.key,
         source_box=field.box,
         source_limits=np.array([field.most, field.gradient]),
+        field=np.zeros(1, dtype=np.int64),
         counts=np.array([n, p, 0, 0, n, 0, p], dtype=np.int64),
         measure=np.array(
             [domain.area, domain.area, a_min, a_max, RELATIVE_TOLERANCE * domain.diameter, 0.0, 0.0], dtype=np.float64
@@ -452,7 +452,7 @@ def allocate(batch: int, slots: int, points: int, elements: int, sources: int) -
         batch: episodes.
         slots: C of each.
         points, elements: room for mesh vertices and elements.
-        sources: S of each, places of the size field.
+        sources: S of each of as many size fields.
     """
     return Front(
         xy=np.zeros((batch, slots, 2)),
@@ -468,6 +468,7 @@ def allocate(batch: int, slots: int, points: int, elements: int, sources: int) -
         source_key=np.zeros((batch, 2 * sources)),
         source_box=np.zeros((batch, 2 * sources, 4)),
         source_limits=np.zeros((batch, 2)),
+        field=np.arange(batch)[:, None],
         counts=np.zeros((batch, 7), dtype=np.int64),
         measure=np.zeros((batch, 7)),
     )
