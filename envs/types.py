@@ -78,22 +78,29 @@ class Domain:
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0)))
 
 
-@dataclass(frozen=True)
-class SizeLimits:
-    """Bounds of the edge length wanted inside a domain.
+@dataclass(frozen=True, eq=False)
+class WantedSizes:
+    """What a user says of the edge length wanted inside a domain, beyond what its boundary says.
 
     Attributes:
-        least: in domain units, at least 0: what the boundary has finer is not carried inwards.
-        most: in domain units, above 0: how large elements may grow; infinite: to the largest size of the boundary.
+        least: in domain units, at least 0: elements grow inwards to it from a finer boundary.
+        most: in domain units, above 0: they grow to it, or shrink inwards to it from a coarser boundary; infinite: they
+            grow to the largest size of the boundary, or to ``least``.
+        points: (m, 3) float64, x, y and a size: elements are no larger there, and grow from there as from a boundary.
 
     Raises:
-        UserError: no positive number, or the least above the most.
+        UserError: no positive number, the least above the most, or points that are none.
     """
 
     least: float = 0.0
     most: float = math.inf
+    points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
+        points = np.asarray(self.points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all() or not (points[:, 2] > 0.0).all():
+            raise UserError("points with sizes: give (m, 3) finite numbers, x, y and a size above 0 in each row")
+        object.__setattr__(self, "points", points)
         if not (0.0 <= self.least < math.inf and self.most > 0.0):
             raise UserError(
                 f"least size {self.least:g} and largest size {self.most:g}: give --min-size and --max-size positive "
@@ -105,12 +112,17 @@ class SizeLimits:
             )
 
     def clipped(self, sizes: Floats) -> Floats:
-        """Sizes within the limits."""
+        """Sizes within the bounds."""
         return np.clip(sizes, self.least, self.most)
 
+    @property
+    def stated(self) -> bool:
+        """Whether anything is said."""
+        return self.least > 0.0 or self.most < math.inf or len(self.points) > 0
 
-#: None.
-NO_LIMITS = SizeLimits()
+
+#: Nothing said.
+NO_WISHES = WantedSizes()
 
 
 class DomainSupply(Protocol):

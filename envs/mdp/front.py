@@ -25,9 +25,8 @@ import numpy as np
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.geometry import angle, signed_angles
-from envs.mdp.size_field import capacity as source_capacity
-from envs.mdp.size_field import size_at, size_field, sizes_at
-from envs.types import NO_LIMITS, RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters, SizeLimits
+from envs.mdp.size_field import elements_wanted, size_at, size_field, sizes_at
+from envs.types import NO_WISHES, RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters, WantedSizes
 
 # Entries of Front.counts.
 RING, POINTS, ELEMENTS, INVALID, FREE, STEPS, GIVEN = range(7)
@@ -332,12 +331,15 @@ def capacity(ring: int, parameters: MeshingParameters) -> int:
     return 1 << max(3, int(least - 1).bit_length())
 
 
-def element_cap(domain: Domain, parameters: MeshingParameters, limits: SizeLimits = NO_LIMITS) -> int:
+def element_cap(domain: Domain, parameters: MeshingParameters, sizes: WantedSizes = NO_WISHES) -> int:
     """Elements at which an episode is truncated."""
     if parameters.max_elements is not None:
         return parameters.max_elements
     edges = np.linalg.norm(domain.vertices - np.roll(domain.vertices, -1, axis=0), axis=1)
-    return int(4.0 * domain.area / float(limits.clipped(edges.mean())) ** 2) + len(domain.ring)
+    expected = domain.area / edges.mean() ** 2
+    if sizes.stated:
+        expected = max(expected, elements_wanted(domain, parameters.size_gradient, sizes))
+    return int(4.0 * expected) + len(domain.ring)
 
 
 def area_bounds(domain: Domain, parameters: MeshingParameters) -> tuple[float, float]:
@@ -391,7 +393,7 @@ def template(
     parameters: MeshingParameters,
     slots: int,
     sources: int | None = None,
-    limits: SizeLimits = NO_LIMITS,
+    sizes: WantedSizes = NO_WISHES,
 ) -> Front:
     """The initial front of a domain, with ``slots`` slots and no room for elements.
 
@@ -400,13 +402,11 @@ def template(
         parameters: the MDP's numbers.
         slots: C, see `capacity`.
         sources: S, places of the size field, by default as many as it needs.
-        limits: of the edge length wanted.
+        sizes: what is wanted beyond the boundary's own sizes.
     """
     n, p = len(domain.ring), len(domain.points)
     a_min, a_max = area_bounds(domain, parameters)
-    field = size_field(
-        domain, parameters.size_gradient, sources or source_capacity(p), limits=limits, flat=not parameters.uses_sizes
-    )
+    field = size_field(domain, parameters.size_gradient, sources, sizes=sizes, flat=not parameters.uses_sizes)
     front = Front(
         xy=np.zeros((slots, 2)),
         vid=np.zeros(slots, dtype=np.int64),

@@ -4,8 +4,9 @@
 
 The sources x_i are the given boundary points, h_i is the mean length of the boundary segments that meet there, h_max
 the largest h_i, and g bounds how fast h changes (``size_gradient``). So h is the boundary's own size near it, grows
-inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary. Limits move
-every h_i between a least and a largest size, and h_max to the largest.
+inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary. What a user
+says (`WantedSizes`) is another h_max, or more sources: where the boundary's segments are larger than these, h falls
+towards them no faster than g, so that it is the boundary's own at the boundary.
 
 The sources are the leaves of two trees as ``kernels.slot_tree`` has them: minima of h_i, and boxes. A query visits the
 nodes that can hold a source with a lower cone. A source above which another one's cone, or h_max, lies lower is left
@@ -21,7 +22,8 @@ import numpy as np
 
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined
-from envs.types import NO_LIMITS, Domain, Floats, SizeLimits
+from envs.polygons.size_cells import cells
+from envs.types import NO_WISHES, Domain, Floats, WantedSizes
 
 #: Sizes that differ by less than this share are one.
 EQUAL = 1e-9
@@ -86,30 +88,65 @@ def capacity(points: int) -> int:
 
 
 def size_field(
-    domain: Domain, gradient: float, places: int, *, limits: SizeLimits = NO_LIMITS, flat: bool = False
+    domain: Domain,
+    gradient: float,
+    places: int | None = None,
+    *,
+    sizes: WantedSizes = NO_WISHES,
+    flat: bool = False,
 ) -> SizeField:
     """The field of a domain.
 
     Args:
         domain: its boundary is what the field comes from.
         gradient: g, above 0.
-        places: S, a power of two, at least the number of its boundary points.
-        limits: of the sizes.
+        places: S, a power of two, at least the number of sources; by default as many as are needed.
+        sizes: what is said beyond the boundary.
         flat: h_max everywhere, for whom the sizes do not matter: a field that costs nothing.
     """
-    given = sources(domain)
-    given[:, 2] = limits.clipped(given[:, 2])
-    most = limits.most if np.isfinite(limits.most) else float(given[:, 2].max())
+    boundary = sources(domain)
+    largest = float(boundary[:, 2].max())
+    most = max(largest, sizes.most if np.isfinite(sizes.most) else sizes.least)
     if flat:
-        given = given[:0]
+        return _grown(boundary[:0], places, most, gradient)
+    field = _grown(boundary, places, most, gradient)
+    if not sizes.stated:
+        return field
+    points = sizes.points
+    if sizes.most < largest:
+        low, high = domain.points.min(axis=0), domain.points.max(axis=0)
+        points = np.concatenate([points, cells(lambda at: np.full(len(at), sizes.most), low, high).points])
+    # As far as the boundary, whose segments stay, lets them: from there sizes fall no faster than they may grow.
+    ceiling = np.column_stack([boundary[:, :2], -sizes_at(field, boundary[:, :2])])
+    key, box = _planted(ceiling, capacity(len(ceiling)))
+    lifted = np.maximum(sizes.clipped(points[:, 2]), -sizes_at(SizeField(key, box, np.inf, gradient), points[:, :2]))
+    return _grown(np.concatenate([boundary, np.column_stack([points[:, :2], lifted])]), places, most, gradient)
+
+
+def _planted(given: Floats, places: int) -> tuple[Floats, Floats]:
+    """The trees of sources, (m, 3) float64."""
     key = np.full(2 * places, np.inf)
     box = np.tile([np.inf, np.inf, -np.inf, -np.inf], (2 * places, 1))
     leaves = slice(places, places + len(given))
     key[leaves] = given[:, 2]
     box[leaves] = given[:, [0, 1, 0, 1]]
+    _build(key, box)
+    return key, box
+
+
+def _grown(given: Floats, places: int | None, most: float, gradient: float) -> SizeField:
+    """The field of sources, (m, 3) float64, without those that change nothing."""
+    key, box = _planted(given, places or capacity(len(given)))
     field = SizeField(key, box, most, float(gradient))
-    _grow(*field, np.zeros(places, dtype=np.bool_))
+    _prune(*field, np.zeros(len(key) // 2, dtype=np.bool_))
     return field
+
+
+def elements_wanted(domain: Domain, gradient: float, sizes: WantedSizes) -> float:
+    """Elements of the sizes wanted that the domain's box holds, which are at least those of the domain."""
+    field = size_field(domain, gradient, sizes=sizes)
+    low, high = domain.points.min(axis=0), domain.points.max(axis=0)
+    return cells(lambda places: sizes_at(field, places), low, high).elements
 
 
 def sizes_at(field: SizeField, points: Floats) -> Floats:
@@ -120,9 +157,13 @@ def sizes_at(field: SizeField, points: Floats) -> Floats:
 
 
 @compiled
-def _grow(key: Floats, box: Floats, most: float, gradient: float, needless: np.ndarray) -> None:
-    """Fill the trees from their leaves, but for the sources that change nothing; ``needless``: (S,) bool, all False."""
+def _build(key: Floats, box: Floats) -> None:
     slot_tree.build(key, box)
+
+
+@compiled
+def _prune(key: Floats, box: Floats, most: float, gradient: float, needless: np.ndarray) -> None:
+    """Take the sources that change nothing out of the trees; ``needless``: (S,) bool, all False."""
     places = len(needless)
     for i in range(places):
         h = key[places + i]

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.polygons.rings import EDGE_LENGTH, signed_area
-from envs.types import NO_LIMITS, Domain, DomainError, Floats, SizeLimits
+from envs.types import Domain, DomainError, Floats
 
 #: Expected elements above which a mesh is made only when that is asked for.
 MOST_ELEMENTS = 2_000_000
@@ -33,11 +33,11 @@ def expected_elements(area: float, length: float, segments: float) -> float:
         return float(np.float64(area) * (segments / np.float64(length)) ** 2 + 0.5 * segments)
 
 
-def expected_in_domain(domain: Domain, limits: SizeLimits = NO_LIMITS) -> float:
+def expected_in_domain(domain: Domain) -> float:
     """Elements of the mesh of a domain, roughly."""
     ends = domain.points[domain.segments]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
-    return expected_elements(domain.area, length, length / limits.clipped(length / len(ends)))
+    return expected_elements(domain.area, length, len(ends))
 
 
 def expected_in_rings(rings: Sequence[Floats], edge_length: float) -> float:

@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from envs.domains.load import from_object, load_all
 from envs.mesh import Mesh as PlainMesh
-from envs.types import Domain, DomainError, SizeLimits
+from envs.polygons.size_cells import Size, cells
+from envs.types import Domain, DomainError, Floats, WantedSizes
 from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import measure
@@ -41,7 +44,7 @@ class Mesh(PlainMesh):
         Args:
             domain: see envs.domains.load.load.
             policy: the shipped one by default.
-            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``limits``, ``allow_large``: see
+            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``sizes``, ``allow_large``: see
                 mesher.mesh_domain.
 
         Raises:
@@ -97,6 +100,7 @@ def mesh(
     grading: float = 1.0,
     min_size: float = 0.0,
     max_size: float = math.inf,
+    size: Size | Floats | None = None,
     fix_parity: bool = False,
     name: str | None = None,
     density: str = "medium",
@@ -113,6 +117,9 @@ def mesh(
         grading: largest over smallest piece; 1: all alike.
         min_size, max_size: bounds of the edge length wanted inside, in the polygon's units, for a policy whose scale is
             ``size``; by default those of the boundary.
+        size: what is wanted inside, for such a policy: a function of (m, 2) places to (m,) edge lengths, or (m, 3) rows
+            x, y and an edge length; elements are no larger, and grow from there no faster than ``env.size_gradient``
+            says. The boundary keeps its segments.
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
             never is).
         name: what messages and files call it; by default the file's name, or ``polygon``.
@@ -141,5 +148,10 @@ def mesh(
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
-    limits = SizeLimits(min_size, max_size)
-    return Mesh.from_domain(domain, policy, limits=limits, allow_large=allow_large, **options)
+    if size is None:
+        sizes = WantedSizes(min_size, max_size)
+    else:
+        low, high = domain.points.min(axis=0), domain.points.max(axis=0)
+        points = cells(size, low, high).points if callable(size) else np.asarray(size, dtype=np.float64)
+        sizes = WantedSizes(min_size, max_size, points)
+    return Mesh.from_domain(domain, policy, sizes=sizes, allow_large=allow_large, **options)

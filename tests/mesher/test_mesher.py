@@ -22,7 +22,7 @@ from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
 from envs.mdp.observation import observation_size
 from envs.mdp.transition import numbers
 from envs.quality import element_quality
-from envs.types import Domain, MeshingParameters, SizeLimits
+from envs.types import Domain, MeshingParameters, WantedSizes
 from freemesh_ray.mesher import MeshingError, mesh_domain, meshing
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark
@@ -188,7 +188,7 @@ DISC = from_rings(circle(24), name="disc")
 def attempts_of(found: Sequence[Grown], asked: list[float]) -> Callable[..., Grown]:
     """An engine whose attempts come out as they are given; it notes how much each was asked to explore."""
 
-    def grow(policy: Policy, domain: Domain, seed: tuple[int, ...], *, exploration: float, limits: SizeLimits) -> Grown:
+    def grow(policy: Policy, domain: Domain, seed: tuple[int, ...], *, exploration: float, sizes: WantedSizes) -> Grown:
         asked.append(exploration)
         return found[len(asked) - 1]
 
@@ -256,7 +256,7 @@ def test_limits_of_the_size_make_elements_larger_or_smaller() -> None:
     counts = [
         len(
             mesh_domain(
-                sized((0.0, 0.0, 0.0)), domain, limits=SizeLimits(most=most), smooth=False, clean=False
+                sized((0.0, 0.0, 0.0)), domain, sizes=WantedSizes(most=most), smooth=False, clean=False
             ).raw.quads
         )
         for most in (3.0 * h, h, 0.5 * h)
@@ -266,7 +266,7 @@ def test_limits_of_the_size_make_elements_larger_or_smaller() -> None:
 
 def test_limits_for_a_policy_that_knows_no_size_are_refused_in_one_line() -> None:
     with pytest.raises(PolicyError, match=r"^T1: the policy was trained with env\.scale = front"):
-        mesh_domain(BISECTOR, load("T1"), limits=SizeLimits(most=1.0))
+        mesh_domain(BISECTOR, load("T1"), sizes=WantedSizes(most=1.0))
 
 
 # The remedies

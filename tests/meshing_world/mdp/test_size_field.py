@@ -17,7 +17,8 @@ from envs.errors import UserError
 from envs.mdp.front import FIELD, GIVEN, POINTS, wanted_size
 from envs.mdp.size_field import SizeField, capacity, size_field, sizes_at, sources
 from envs.mesh_env import MeshEnv
-from envs.types import Domain, Floats, SizeLimits
+from envs.polygons.size_cells import Size, cells
+from envs.types import Domain, Floats, WantedSizes
 from envs.vector_env import MeshVectorEnv
 
 DOMAINS = ("T1", "T3", "D4", "D9", "random:3", "random:58?holes=2&vertices=60&unevenness=4")
@@ -115,18 +116,33 @@ def test_every_vertex_of_a_mesh_wants_what_the_field_says(name: str, options: di
 
 
 @settings(max_examples=30)
-@given(names, st.floats(0.0, 3.0), st.floats(1.0, 4.0), st.integers(0, 1000))
-def test_limits_bound_it(name: str, share: float, ratio: float, seed: int) -> None:
-    """The sources' sizes are moved between the limits, and it grows up to the largest, no faster than allowed."""
+@given(names, st.floats(1.0, 4.0), st.integers(0, 1000))
+def test_it_grows_to_the_largest_size_said_or_to_the_least(name: str, ratio: float, seed: int) -> None:
     domain = load(name)
     cones, at = sources(domain), places(domain, seed)
-    limits = SizeLimits(share * float(cones[:, 2].mean()), max(share, 0.1) * ratio * float(cones[:, 2].mean()))
-    found = sizes_at(size_field(domain, 0.2, capacity(len(domain.points)), limits=limits), at)
+    largest = ratio * float(cones[:, 2].max())
     distances = np.linalg.norm(at[:, None] - cones[None, :, :2], axis=2)
-    sizes = np.clip(cones[:, 2], limits.least, limits.most)
-    expected = np.minimum((sizes + 0.2 * distances).min(axis=1), limits.most)
-    np.testing.assert_allclose(found, expected, rtol=2e-9)
-    assert limits.least * (1 - 1e-9) <= found.min() <= found.max() <= limits.most
+    expected = np.minimum((cones[:, 2] + 0.2 * distances).min(axis=1), largest)
+    for sizes in (WantedSizes(most=largest), WantedSizes(least=largest)):
+        np.testing.assert_allclose(sizes_at(size_field(domain, 0.2, sizes=sizes), at), expected, rtol=2e-9)
+
+
+@settings(max_examples=15)
+@given(names, st.floats(0.4, 1.0), st.integers(0, 1000))
+def test_it_shrinks_inwards_to_a_largest_size_below_the_boundary_s(name: str, ratio: float, seed: int) -> None:
+    """No faster than it may grow, from the boundary's own sizes; inside it is the largest said, or little above."""
+    domain = load(name)
+    at, boundary = places(domain, seed), sources(domain)[:, :2]
+    most = ratio * float(sources(domain)[:, 2].min())
+    own, field = field_of(domain, 0.2), size_field(domain, 0.2, sizes=WantedSizes(most=most))
+    np.testing.assert_allclose(sizes_at(field, boundary), sizes_at(own, boundary), rtol=1e-6)
+    found = sizes_at(field, at)
+    apart = np.linalg.norm(at[:, None] - boundary, axis=2)
+    bound = np.maximum((sizes_at(own, boundary) - 0.2 * apart).max(axis=1), most)
+    assert (found >= bound * (1 - 1e-6)).all()
+    low, high = domain.points.min(axis=0), domain.points.max(axis=0)
+    inside = ((at > low) & (at < high)).all(axis=1)
+    assert (found <= bound + 0.4 * most)[inside].all()  # a middle of a cell is less than a size away
 
 
 @pytest.mark.parametrize(
@@ -134,7 +150,59 @@ def test_limits_bound_it(name: str, share: float, ratio: float, seed: int) -> No
 )
 def test_limits_that_are_none(limits: tuple[float, float]) -> None:
     with pytest.raises(UserError, match="--min-size"):
-        SizeLimits(*limits)
+        WantedSizes(*limits)
+
+
+@settings(max_examples=30)
+@given(names, st.integers(0, 1000))
+def test_given_points_are_sources_as_far_as_the_boundary_lets_them(name: str, seed: int) -> None:
+    domain, random = load(name), np.random.default_rng(seed)
+    boundary, own = sources(domain), field_of(domain, 0.3)
+    points = np.column_stack([places(domain, seed, 5), random.uniform(0.1, 2.0, 5) * boundary[:, 2].min()])
+    field = size_field(domain, 0.3, sizes=WantedSizes(points=points))
+    there = np.linalg.norm(points[:, None, :2] - boundary[None, :, :2], axis=2)
+    points[:, 2] = np.maximum(points[:, 2], (sizes_at(own, boundary[:, :2]) - 0.3 * there).max(axis=1))
+    at, cones = places(domain, seed + 1), np.concatenate([boundary, points])
+    distances = np.linalg.norm(at[:, None] - cones[None, :, :2], axis=2)
+    expected = np.minimum((cones[:, 2] + 0.3 * distances).min(axis=1), boundary[:, 2].max())
+    np.testing.assert_allclose(sizes_at(field, at), expected, rtol=2e-9)
+    at = boundary[:, :2]
+    np.testing.assert_allclose(sizes_at(field, at), sizes_at(own, at), rtol=2e-9)
+
+
+@settings(max_examples=30)
+@given(st.floats(0.02, 2.0), st.floats(0.0, 0.5), st.integers(0, 1000))
+def test_a_function_is_remembered_by_cells_as_small_as_it_says(least: float, slope: float, seed: int) -> None:
+    """They cover the box, none is larger than the size at its middle, and the field of their points is the function."""
+    low, high = np.array([-1.0, 2.0]), np.array([3.0, 3.0])
+    centre = np.random.default_rng(seed).uniform(low, high)
+
+    def size(at: Floats) -> Floats:
+        return least + slope * np.linalg.norm(at - centre, axis=1)
+
+    found = cells(size, low, high)
+    assert (found.sides**2).sum() == pytest.approx(4.0)
+    assert (found.sides <= found.points[:, 2] * (1 + 1e-12)).all()
+    at = np.random.default_rng(seed).uniform(low, high, (100, 2))
+    remembered = (found.points[:, 2] + 0.5 * np.linalg.norm(at[:, None] - found.points[:, :2], axis=2)).min(axis=1)
+    assert (remembered >= size(at) * (1 - 1e-9)).all()
+    assert (remembered <= size(at) * 2.0).all()
+
+
+@pytest.mark.parametrize(("size", "told"), [
+    (lambda at: at[:, 0] * 0.0, r"size: 0 at \("), (lambda at: np.full(len(at), np.nan), "size: nan at"),
+    (lambda at: "small", "return a number for each"), (lambda at: np.ones(3), "return a number for each"),
+    (lambda at: 1e-4, "cells to describe: give larger sizes"),
+])  # fmt: skip
+def test_a_function_that_is_no_size(size: Size, told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        cells(size, np.zeros(2), np.ones(2))
+
+
+@pytest.mark.parametrize("points", [[1.0, 2.0, 3.0], [[0.0, 0.0, 0.0]], [[0.0, math.nan, 1.0]], [[1.0, 2.0]]])
+def test_points_that_are_none(points: list) -> None:
+    with pytest.raises(UserError, match="points with sizes: give"):
+        WantedSizes(points=np.array(points))
 
 
 def test_who_does_not_ask_for_it_pays_nothing() -> None:
