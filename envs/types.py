@@ -31,6 +31,8 @@ TINY, COUNT = 1e-9, 10**12
 
 #: What the density term of the reward can be, in the order that compiled code numbers them.
 DENSITIES = ("continuous", "printed", "local")
+#: What lengths in action and observation are measured by.
+SCALES = ("front", "size")
 #: Where the paper and the code that its authors released differ: the one or the other.
 SOURCES = ("printed", "released")
 
@@ -74,6 +76,53 @@ class Domain:
     def diameter(self) -> float:
         """Diagonal of the bounding box, the length that tolerances are scaled by."""
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class WantedSizes:
+    """What a user says of the edge length wanted inside a domain, beyond what its boundary says.
+
+    Attributes:
+        least: in domain units, at least 0: elements grow inwards to it from a finer boundary.
+        most: in domain units, above 0: they grow to it, or shrink inwards to it from a coarser boundary; infinite: they
+            grow to the largest size of the boundary, or to ``least``.
+        points: (m, 3) float64, x, y and a size: elements are no larger there, and grow from there as from a boundary.
+
+    Raises:
+        UserError: no positive number, the least above the most, or points that are none.
+    """
+
+    least: float = 0.0
+    most: float = math.inf
+    points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all() or not (points[:, 2] > 0.0).all():
+            raise UserError("points with sizes: give (m, 3) finite numbers, x, y and a size above 0 in each row")
+        object.__setattr__(self, "points", points)
+        if not (0.0 <= self.least < math.inf and self.most > 0.0):
+            raise UserError(
+                f"least size {self.least:g} and largest size {self.most:g}: give --min-size and --max-size positive "
+                "numbers in the polygon's units"
+            )
+        if self.least > self.most:
+            raise UserError(
+                f"least size {self.least:g} above largest size {self.most:g}: give --min-size at most --max-size"
+            )
+
+    def clipped(self, sizes: Floats) -> Floats:
+        """Sizes within the bounds."""
+        return np.clip(sizes, self.least, self.most)
+
+    @property
+    def stated(self) -> bool:
+        """Whether anything is said."""
+        return self.least > 0.0 or self.most < math.inf or len(self.points) > 0
+
+
+#: Nothing said.
+NO_WISHES = WantedSizes()
 
 
 class DomainSupply(Protocol):
@@ -166,6 +215,15 @@ class MeshingParameters:
     beta: float = _setting(6.0, "fan radius over base length", 1e-3, 1e3)
     n_rv: int = _setting(2, "neighbour pairs averaged for the choice of the reference vertex", 1, 8)
     alpha: float = _setting(2.0, "action radius over base length", 1e-3, 1e3)
+    scale: Literal["front", "size"] = _setting(
+        "front",
+        "what lengths in action and observation are in units of; front: the paper's base length, the mean of the front "
+        "edges around V_0; size: ours, the edge length wanted at V_0, and the observation tells that around and ahead",
+        words=SCALES,
+    )
+    size_gradient: float = _setting(
+        0.2, "ours: how much the edge length wanted may grow over a distance, from the boundary inwards", TINY, 10.0
+    )
     upsilon: float = _setting(1.0, "density weight, 0.5 dense, 1 medium, 1.5 sparse", TINY, 10.0)
     kappa: float = _setting(4.0, "divisor in A_max", TINY, 1e9)
     density: Literal["continuous", "printed", "local"] = _setting(
@@ -219,6 +277,21 @@ class MeshingParameters:
     def action_size(self) -> int:
         """3, or 5 with type 2."""
         return 5 if self.type2 else 3
+
+    @property
+    def sized(self) -> bool:
+        """Whether lengths are in units of the edge length wanted."""
+        return self.scale == "size"
+
+    @property
+    def drift(self) -> bool:
+        """Whether the observation tells the base length over the edge length wanted."""
+        return self.extended or self.sized
+
+    @property
+    def uses_sizes(self) -> bool:
+        """Whether the edge length wanted matters anywhere."""
+        return self.drift or self.density == "local"
 
 
 #: What each of the MDP's numbers means and may be, by name, in order.

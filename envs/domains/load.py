@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from envs.domains import random_domain, random_part
+from envs.domains import random_domain, random_part, varied_domain
 from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
+from envs.domains.varied_domain import VariedDomains
 from envs.plug_in import is_spec
 from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings
 from envs.readers.formats import BY_SUFFIX
@@ -23,6 +24,7 @@ __all__ = [
     "RandomDomains",
     "Source",
     "UserDomains",
+    "VariedDomains",
     "catalogue",
     "from_object",
     "from_polygon",
@@ -34,7 +36,10 @@ __all__ = [
 ]
 
 #: What episodes can be on.
-Source = Domain | RandomDomains | UserDomains
+Source = Domain | RandomDomains | VariedDomains | UserDomains
+
+#: The endless supplies that have a name.
+SUPPLIES: tuple[RandomDomains | VariedDomains, ...] = (RandomDomains(), VariedDomains())
 
 #: Where the catalogue's data and drawings lie.
 CATALOGUE = Path(__file__).parent / "catalogue"
@@ -46,12 +51,13 @@ def catalogue() -> list[str]:
 
 
 def source(spec: str) -> Source:
-    """What episodes can be on: ``random`` is the endless supply, ``package.module:Name`` one of a user's (unless a file
-    is called so), anything else a domain as :func:`load` finds it.
+    """What episodes can be on: ``random`` and ``varied`` are endless supplies, ``package.module:Name`` is one of a
+    user's (unless a file is called so), anything else a domain as :func:`load` finds it.
     """
     if is_spec(spec) and not os.path.isfile(spec):
         return UserDomains(spec)
-    return RandomDomains() if spec.lower() == RandomDomains.name else load(spec)
+    named = {supply.name: supply for supply in SUPPLIES}.get(spec.lower())
+    return load(spec) if named is None else named
 
 
 def load(
@@ -91,7 +97,8 @@ def load_all(
 
     Args:
         spec: a catalogue name in any case (``T1``), a seed (``random-7``, ``random-7_spikiness=0.5_holes=1``,
-            ``part-7``), or the path of a polygon file (the extensions are those of :mod:`envs.readers.formats`).
+            ``part-7``, ``varied-7``), or the path of a polygon file (the extensions are those of
+            :mod:`envs.readers.formats`).
         fix_parity: split the longest segment at its midpoint when a polygon's number of vertices is odd.
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
@@ -147,7 +154,7 @@ def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Poly
     text = os.fspath(spec)
     path = Path(text)
     if isinstance(spec, str):
-        for random in (random_domain, random_part):
+        for random in (random_domain, random_part, varied_domain):
             if random.is_spec(text) and not os.path.isfile(text):
                 drawn = random.from_spec(text)
                 return [rings_of(drawn)], drawn.name, text

@@ -2,12 +2,13 @@
 
     index  meaning   range     decoded
     0      type      [-1, 1]   ACTION_TYPES in order, without type 2 the first three; each has an equal share
-    1      radius    [-1, 1]   of the new vertex, [0, alpha L] from V_0, in domain units
+    1      radius    [-1, 1]   of the new vertex, [0, alpha L] from V_0, in domain units (with ``scale: size`` alpha h)
     2      angle     [-1, 1]   of the new vertex, [0, interior angle at V_0] from the axis V_0 -> V_r,1, in rad
     3, 4   radius, angle       of the second new vertex (type 2 only)
 
 The base length L is the mean of the 2 n front edges around V_0 (paper, Eq. "radius"; its sum is printed with n + 1
-terms a side over 2 n; the 2 n edges that the observation sees are meant here).
+terms a side over 2 n; the 2 n edges that the observation sees are meant here). With ``scale: size`` the edge length h
+that is wanted at V_0 stands in its place: L is what the policy made of it, and an error in L goes on to the next row.
 """
 
 from __future__ import annotations
@@ -70,6 +71,12 @@ def base_length(front: Front, reference: int, n: int) -> float:
         total += math.hypot(front.xy[after, 0] - front.xy[right, 0], front.xy[after, 1] - front.xy[right, 1])
         left, right = before, after
     return total / (2 * n)
+
+
+@inlined
+def unit_length(front: Front, reference: int, n: int, sized: bool) -> float:
+    """What lengths at V_0 are measured by: the edge length wanted there if ``sized``, else L."""
+    return front.size[front.vid[reference]] if sized else base_length(front, reference, n)
 
 
 @inlined
@@ -189,19 +196,19 @@ def last_ring_valid(
 
 
 @inlined
-def decode(front: Front, reference: int, action: Floats, n: int, alpha: float, type2: bool) -> Cut:
+def decode(front: Front, reference: int, action: Floats, n: int, alpha: float, sized: bool, type2: bool) -> Cut:
     """Turn an action into an element and test it (mdp: Action, Validity).
 
     Args:
         front: not changed.
         reference: slot of V_0.
         action: (3,) or (5,) in [-1, 1].
-        n, alpha, type2: see MeshingParameters.
+        n, alpha, sized, type2: see MeshingParameters.
     """
     action_type = decode_type(action[0], type2)
     k = CHAIN_EDGES[action_type]
     start = chain_start(front, reference, action_type)
-    reach = alpha * base_length(front, reference, n)
+    reach = alpha * unit_length(front, reference, n, sized)
     xy = front.xy
     s1 = front.nxt[start]
     s2, s3 = front.nxt[s1], front.nxt[front.nxt[s1]]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from envs.mdp import front as fr
-from envs.mdp import plug_ins, transition
+from envs.mdp import plug_ins, size_field, transition
 from envs.mdp.action import REJECTIONS
 from envs.mdp.observation import bounds
 from envs.mesh import Mesh
@@ -65,19 +65,21 @@ class Episodes:
         points = [len(domain.points) for domain in fixed] + [supply.vertices for supply in supplies]
         caps = [fr.element_cap(domain, parameters) for domain in fixed] + [supply.elements for supply in supplies]
         self._slots, self._points = max(slots), max(points)
+        self._sources = size_field.capacity(self._points)
         # One more element than the cap: the last action of a mesh cuts two.
         self._most_elements = max(caps)
         elements = self._most_elements + 1
         room = self._points + elements * (2 if parameters.type2 else 1)
         # One template a domain, then one an episode, for what it draws from a supply.
         rows = len(domains) + (batch if supplies else 0)
-        self._templates = fr.allocate(rows, self._slots, self._points, 0)
+        self._templates = fr.allocate(rows, self._slots, self._points, 0, self._sources)
         self._caps = np.zeros(rows, dtype=np.int64)
         self._drawn: list[Domain | None] = [None] * batch
         for k, entry in enumerate(domains):
             if isinstance(entry, Domain):
                 self._prepare(k, entry)
-        self._fronts = fr.allocate(batch, self._slots, room, elements)
+        fields = {name: getattr(self._templates, name) for name in fr.FIELD}
+        self._fronts = fr.allocate(batch, self._slots, room, elements, 1)._replace(**fields)
         self._numbers = transition.numbers(parameters)
         self._outcome = self.out = transition.outcome(batch, parameters)
         self._reward = None if reward is None else plug_ins.reward(reward)
@@ -92,10 +94,11 @@ class Episodes:
 
     def _prepare(self, row: int, domain: Domain) -> None:
         """Make ``domain`` the template in ``row``."""
-        template = fr.template(domain, self.parameters, self._slots)
+        template = fr.template(domain, self.parameters, self._slots, self._sources)
         for target, array in zip(self._templates, template, strict=True):
             target[row, : len(array)] = array
             target[row, len(array) :] = 0  # nothing stays of a larger domain before it
+        self._templates.field[row] = row
         self._caps[row] = min(fr.element_cap(domain, self.parameters), self._most_elements)
 
     def __len__(self) -> int:
@@ -193,7 +196,9 @@ class Episodes:
 
     def front(self, i: int) -> fr.Front:
         """The working memory of episode ``i`` (views)."""
-        return fr.Front(*(array[i] for array in self._fronts))
+        field = int(self._fronts.field[i, 0])
+        views = {name: array[i] for name, array in self._fronts._asdict().items() if name not in fr.FIELD}
+        return fr.Front(**views, **{name: getattr(self._fronts, name)[field] for name in fr.FIELD})
 
     def domain(self, i: int) -> Domain:
         """The domain that episode ``i`` is on."""
@@ -267,8 +272,10 @@ class Episodes:
         for i, domain in enumerate(self._drawn):
             if domain is not None:
                 self._prepare(len(self.domains) + i, domain)
+        self._fronts.field[:, 0] = self._row_of
 
     def _arrays(self) -> dict[str, np.ndarray]:
         names = [*fr.Front._fields, *transition.Outcome._fields, "domain_of", "row_of"]
         arrays = dict(zip(names, (*self._fronts, *self.out, self.domain_of, self._row_of), strict=True))
+        arrays = {name: array for name, array in arrays.items() if name not in (*fr.FIELD, "field")}
         return arrays if self._observer is None else arrays | {"paper_observation": self._outcome.observation}

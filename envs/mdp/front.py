@@ -25,12 +25,18 @@ import numpy as np
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.geometry import angle, signed_angles
-from envs.types import RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters
+from envs.mdp.size_field import elements_wanted, size_at, size_field, sizes_at
+from envs.types import NO_WISHES, RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters, WantedSizes
 
 # Entries of Front.counts.
 RING, POINTS, ELEMENTS, INVALID, FREE, STEPS, GIVEN = range(7)
 # Entries of Front.measure.
 AREA, AREA_0, A_MIN, A_MAX, TOLERANCE, ETA_SUM, RETURN = range(7)
+# Entries of Front.source_limits.
+MOST, GRADIENT = range(2)
+
+#: The size field, which stays as it is while a domain is meshed; episodes of a batch share those of their domains.
+FIELD = ("source_key", "source_box", "source_limits")
 
 #: Elements around a regular vertex in the interior; on the boundary it is one for every right angle.
 REGULAR = 4
@@ -50,9 +56,12 @@ class Front(NamedTuple):
         box: (2 C, 4) float64, tree of boxes over the edges slot -> nxt[slot].
         points: (P, 2) float64, every mesh vertex so far.
         quads: (E, 4) int64, the elements so far.
-        size: (P,) float64, edge length wanted at each mesh vertex: given points' from their edges, new ones' from the
-            vertices they were put between; domain units.
+        size: (P,) float64, edge length wanted at each mesh vertex, the size field's; domain units. All alike where
+            nothing of the parameters asks for it.
         need: (P,) int64, elements that each mesh vertex still lacks to be regular, negative when it has too many.
+        source_key: (2 S,) float64, source_box: (2 S, 4) float64, the size field's trees (see size_field.SizeField).
+        source_limits: (2,) float64, [h_max, g] of the size field.
+        field: (1,) int64, which of a batch's size fields is this front's.
         counts: (7,) int64, [ring, points, elements, invalid actions in a row, head of the free slots, steps,
             given points].
         measure: (7,) float64, [area left, initial area, A_min, A_max, tolerance, sum of eta_e, return].
@@ -68,6 +77,10 @@ class Front(NamedTuple):
     quads: Ints
     size: Floats
     need: Ints
+    source_key: Floats
+    source_box: Floats
+    source_limits: Floats
+    field: Ints
     counts: Ints
     measure: Floats
 
@@ -75,9 +88,12 @@ class Front(NamedTuple):
 @inlined
 def row(batch: Front, i: int) -> Front:
     """The front of episode i of a batch (views, no copies)."""
+    field = batch.field[i, 0]
     return Front(
         batch.xy[i], batch.vid[i], batch.prv[i], batch.nxt[i], batch.key[i], batch.box[i],
-        batch.points[i], batch.quads[i], batch.size[i], batch.need[i], batch.counts[i], batch.measure[i],
+        batch.points[i], batch.quads[i], batch.size[i], batch.need[i],
+        batch.source_key[field], batch.source_box[field], batch.source_limits[field], batch.field[i],
+        batch.counts[i], batch.measure[i],
     )  # fmt: skip
 
 
@@ -153,11 +169,17 @@ def insert(front: Front, before: int, vertex: int) -> None:
 
 
 @inlined
-def new_vertex(front: Front, x: float, y: float, size: float) -> int:
-    """A new mesh vertex at (x, y), with the edge length wanted there."""
+def wanted_size(front: Front, x: float, y: float) -> float:
+    """The edge length wanted at (x, y), in domain units."""
+    return size_at(front.source_key, front.source_box, front.source_limits[MOST], front.source_limits[GRADIENT], x, y)
+
+
+@inlined
+def new_vertex(front: Front, x: float, y: float) -> int:
+    """A new mesh vertex at (x, y)."""
     vertex = front.counts[POINTS]
     front.points[vertex, 0], front.points[vertex, 1] = x, y
-    front.size[vertex], front.need[vertex] = size, REGULAR
+    front.size[vertex], front.need[vertex] = wanted_size(front, x, y), REGULAR
     front.counts[POINTS] = vertex + 1
     return vertex
 
@@ -191,11 +213,10 @@ def advance(
         release(front, inner)
         inner = beyond
     if k < 3:
-        size = front.size[quad[k]] if k == 1 else 0.5 * (front.size[quad[0]] + front.size[quad[k]])
-        quad[k + 1] = new_vertex(front, ax, ay, size)
+        quad[k + 1] = new_vertex(front, ax, ay)
         insert(front, start, quad[k + 1])
     if k == 1:
-        quad[3] = new_vertex(front, bx, by, front.size[quad[0]])
+        quad[3] = new_vertex(front, bx, by)
         insert(front, start, quad[3])
     for corner in range(4):
         front.need[quad[corner]] -= 1
@@ -283,7 +304,7 @@ def close(front: Front) -> None:
 
 @inner
 def restart(front: Front, template: Front) -> None:
-    """Make ``front`` the initial front ``template`` (which may have room for no elements)."""
+    """Make ``front`` the initial front ``template`` (which may have room for no elements, and shares its field)."""
     for slot in range(len(template.vid)):
         front.xy[slot, 0], front.xy[slot, 1] = template.xy[slot, 0], template.xy[slot, 1]
         front.vid[slot], front.prv[slot], front.nxt[slot] = template.vid[slot], template.prv[slot], template.nxt[slot]
@@ -294,6 +315,7 @@ def restart(front: Front, template: Front) -> None:
     for vertex in range(len(template.points)):
         front.points[vertex, 0], front.points[vertex, 1] = template.points[vertex, 0], template.points[vertex, 1]
         front.size[vertex], front.need[vertex] = template.size[vertex], template.need[vertex]
+    front.field[0] = template.field[0]
     for entry in range(len(template.counts)):
         front.counts[entry] = template.counts[entry]
     for entry in range(len(template.measure)):
@@ -309,12 +331,15 @@ def capacity(ring: int, parameters: MeshingParameters) -> int:
     return 1 << max(3, int(least - 1).bit_length())
 
 
-def element_cap(domain: Domain, parameters: MeshingParameters) -> int:
+def element_cap(domain: Domain, parameters: MeshingParameters, sizes: WantedSizes = NO_WISHES) -> int:
     """Elements at which an episode is truncated."""
     if parameters.max_elements is not None:
         return parameters.max_elements
     edges = np.linalg.norm(domain.vertices - np.roll(domain.vertices, -1, axis=0), axis=1)
-    return int(4.0 * domain.area / edges.mean() ** 2) + len(domain.ring)
+    expected = domain.area / edges.mean() ** 2
+    if sizes.stated:
+        expected = max(expected, elements_wanted(domain, parameters.size_gradient, sizes))
+    return int(4.0 * expected) + len(domain.ring)
 
 
 def area_bounds(domain: Domain, parameters: MeshingParameters) -> tuple[float, float]:
@@ -363,18 +388,25 @@ def wanted(domain: Domain) -> Ints:
     return np.maximum(1, np.rint(angles / (0.5 * np.pi))).astype(np.int64)
 
 
-def sizes(domain: Domain) -> Floats:
-    """(p,) float64: mean length of the ring's edges at each given point, in domain units."""
-    here, count = domain.vertices, len(domain.points)
-    lengths = np.linalg.norm(np.roll(here, -1, axis=0) - here, axis=1)
-    total = np.bincount(domain.ring, lengths + np.roll(lengths, 1), minlength=count)
-    return total / (2.0 * np.bincount(domain.ring, minlength=count))
+def template(
+    domain: Domain,
+    parameters: MeshingParameters,
+    slots: int,
+    sources: int | None = None,
+    sizes: WantedSizes = NO_WISHES,
+) -> Front:
+    """The initial front of a domain, with ``slots`` slots and no room for elements.
 
-
-def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front:
-    """The initial front of a domain, with ``slots`` slots and no room for elements."""
+    Args:
+        domain: what is to be meshed.
+        parameters: the MDP's numbers.
+        slots: C, see `capacity`.
+        sources: S, places of the size field, by default as many as it needs.
+        sizes: what is wanted beyond the boundary's own sizes.
+    """
     n, p = len(domain.ring), len(domain.points)
     a_min, a_max = area_bounds(domain, parameters)
+    field = size_field(domain, parameters.size_gradient, sources, sizes=sizes, flat=not parameters.uses_sizes)
     front = Front(
         xy=np.zeros((slots, 2)),
         vid=np.zeros(slots, dtype=np.int64),
@@ -384,8 +416,12 @@ def template(domain: Domain, parameters: MeshingParameters, slots: int) -> Front
         box=np.zeros((2 * slots, 4)),
         points=domain.points.astype(np.float64),
         quads=np.zeros((0, 4), dtype=np.int64),
-        size=sizes(domain),
+        size=sizes_at(field, domain.points),
         need=wanted(domain),
+        source_key=field.key,
+        source_box=field.box,
+        source_limits=np.array([field.most, field.gradient]),
+        field=np.zeros(1, dtype=np.int64),
         counts=np.array([n, p, 0, 0, n, 0, p], dtype=np.int64),
         measure=np.array(
             [domain.area, domain.area, a_min, a_max, RELATIVE_TOLERANCE * domain.diameter, 0.0, 0.0], dtype=np.float64
@@ -409,8 +445,15 @@ def with_room(template: Front, vertices: int, elements: int) -> Front:
     )
 
 
-def allocate(batch: int, slots: int, points: int, elements: int) -> Front:
-    """Working memory for a batch of episodes: ``slots`` slots, room for ``points`` mesh vertices and ``elements``."""
+def allocate(batch: int, slots: int, points: int, elements: int, sources: int) -> Front:
+    """Working memory for a batch of episodes.
+
+    Args:
+        batch: episodes.
+        slots: C of each.
+        points, elements: room for mesh vertices and elements.
+        sources: S of each of as many size fields.
+    """
     return Front(
         xy=np.zeros((batch, slots, 2)),
         vid=np.zeros((batch, slots), dtype=np.int64),
@@ -422,6 +465,10 @@ def allocate(batch: int, slots: int, points: int, elements: int) -> Front:
         quads=np.zeros((batch, elements, 4), dtype=np.int64),
         size=np.zeros((batch, points)),
         need=np.zeros((batch, points), dtype=np.int64),
+        source_key=np.zeros((batch, 2 * sources)),
+        source_box=np.zeros((batch, 2 * sources, 4)),
+        source_limits=np.zeros((batch, 2)),
+        field=np.arange(batch)[:, None],
         counts=np.zeros((batch, 7), dtype=np.int64),
         measure=np.zeros((batch, 7)),
     )

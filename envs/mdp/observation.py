@@ -1,6 +1,7 @@
 """Front -> observation vector: the partial boundary around the reference vertex (paper, Eq. "state function").
 
-Polar coordinates with origin V_0 and axis V_0 -> V_r,1; lengths over L_r = beta L, clipped to 1; angles over pi.
+Polar coordinates with origin V_0 and axis V_0 -> V_r,1; lengths over L_r = beta L, clipped to 1; angles over pi. With
+``scale: size`` L_r = beta h, h the edge length wanted at V_0.
 
     index                    entry           unit    range      meaning
     2 (n - j)                l{j}_length     L_r     [0, 1]     V_l,j, j = n..1
@@ -11,12 +12,23 @@ Polar coordinates with origin V_0 and axis V_0 -> V_r,1; lengths over L_r = beta
     4 n + 2 j - 1            zeta{j}_angle   pi      [0, 2]
     4 n + 2 g                rho             1       [0, 1]     area left over initial area
 
-With the setting ``extended``, the elements that vertices still lack to be regular, and the size wanted:
+With the setting ``extended``, the elements that vertices still lack to be regular:
 
     5 n + 2 g + 1 - j        l{j}_lacks      4       [-1, 1]    of V_l,j, j = n..1
     5 n + 2 g + 1            0_lacks         4       [-1, 1]    of V_0
     5 n + 2 g + 1 + j        r{j}_lacks      4       [-1, 1]    of V_r,j, j = 1..n
-    6 n + 2 g + 2            size            ln 4    [-1, 1]    ln of L over the length wanted at V_0
+
+With ``extended`` or ``scale: size``, how far L is from h; m is the index after all that stands before:
+
+    m                        size            ln 4    [-1, 1]    ln of L over h
+
+With ``scale: size``, the size ahead:
+
+    m + n + 1 - j            l{j}_size       ln 4    [-1, 1]    ln of the length wanted at V_l,j over h, j = n..1
+    m + n + j                r{j}_size       ln 4    [-1, 1]    ln of the length wanted at V_r,j over h, j = 1..n
+    m + 2 n + 1              ahead_size      ln 4    [-1, 1]    ln of the length wanted 2 h ahead over h
+
+Ahead is where the bisector of the interior angle at V_0 points to.
 
 `TABLE` is what size, bounds and names come from. A new entry is a row of it, the lines of `observe` that write it, and
 the setting that switches it on.
@@ -40,11 +52,14 @@ import numpy as np
 from envs.kernels import slot_tree
 from envs.kernels.compiled import inlined
 from envs.kernels.geometry import TWO_PI, angle, ray_hit, signed_angle
-from envs.mdp.action import base_length
-from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front
+from envs.mdp.action import base_length, unit_length
+from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front, wanted_size
 from envs.types import Floats, MeshingParameters
 
 LN_4 = math.log(4.0)
+
+#: How far ahead the size wanted is told, over the one at V_0.
+AHEAD = 2.0
 
 #: Directions closer than this count as one, in radians.
 ANGLE_TOLERANCE = 1e-9
@@ -71,7 +86,7 @@ class Row(NamedTuple):
     Attributes:
         points: (n, g) -> the points' names, in the order of the observation.
         entries: what is told of each, by the ends of their names.
-        setting: the parameter that switches the row on; empty: always there.
+        setting: the attribute of MeshingParameters that switches the row on; empty: always there.
     """
 
     points: Callable[[int, int], Sequence[str]]
@@ -106,7 +121,10 @@ TABLE = (
     Row(_fan, (Entry("length", "L_r", 0, 1), Entry("angle", "pi", 0, 2))),
     Row(_nowhere, (Entry("rho", "1", 0, 1),)),
     Row(_around, (Entry("lacks", "4", -1, 1),), "extended"),
-    Row(_nowhere, (Entry("size", "ln 4", -1, 1),), "extended"),
+    Row(_nowhere, (Entry("size", "ln 4", -1, 1),), "drift"),
+    Row(_left, (Entry("size", "ln 4", -1, 1),), "sized"),
+    Row(_right, (Entry("size", "ln 4", -1, 1),), "sized"),
+    Row(_nowhere, (Entry("ahead_size", "ln 4", -1, 1),), "sized"),
 )
 
 
@@ -122,7 +140,7 @@ def entries(parameters: MeshingParameters) -> list[Entry]:
 
 
 def observation_size(parameters: MeshingParameters) -> int:
-    """How many numbers an observation has: 4 n + 2 g + 1 (15 for O2), and 2 n + 2 more when extended."""
+    """How many numbers an observation has: 4 n + 2 g + 1 (15 for O2), 2 n + 2 more when extended or sized."""
     return len(entries(parameters))
 
 
@@ -141,11 +159,13 @@ def bounds(parameters: MeshingParameters) -> tuple[np.ndarray, np.ndarray]:
 
 
 @inlined
-def observe(front: Front, reference: int, n: int, g: int, beta: float, extended: bool, out: Floats) -> None:
+def observe(
+    front: Front, reference: int, n: int, g: int, beta: float, extended: bool, sized: bool, out: Floats
+) -> None:
     """Write the observation of V_0 in slot ``reference`` into ``out``, (size,) float32: `TABLE`, row by row."""
     xy = front.xy
     x, y = xy[reference, 0], xy[reference, 1]
-    L_r = beta * base_length(front, reference, n)
+    L_r = beta * unit_length(front, reference, n, sized)
     right, left = front.nxt[reference], front.prv[reference]
     axis_x, axis_y = xy[right, 0] - x, xy[right, 1] - y
     back_x, back_y = xy[left, 0] - x, xy[left, 1] - y
@@ -167,8 +187,31 @@ def observe(front: Front, reference: int, n: int, g: int, beta: float, extended:
     if extended:
         lacks(front, reference, n, at, out)
         at += 2 * n + 1
-        ratio = L_r / (beta * front.size[front.vid[reference]])
-        out[at] = min(1.0, max(-1.0, math.log(ratio) / LN_4))
+    if extended or sized:
+        h = front.size[front.vid[reference]]
+        out[at] = log_ratio(base_length(front, reference, n), h)
+        if sized:
+            sizes(front, reference, n, math.atan2(axis_y, axis_x) + 0.5 * theta, at + 1, out)
+
+
+@inlined
+def log_ratio(length: float, h: float) -> float:
+    """ln of a length over h, over ln 4, clipped to [-1, 1]."""
+    return min(1.0, max(-1.0, math.log(length / h) / LN_4))
+
+
+@inlined
+def sizes(front: Front, reference: int, n: int, bisector: float, at: int, out: Floats) -> None:
+    """Write the sizes wanted at V_l,n..V_l,1, V_r,1..V_r,n and ahead into ``out`` from entry ``at`` on."""
+    h = front.size[front.vid[reference]]
+    left = right = reference
+    for j in range(n):
+        left, right = front.prv[left], front.nxt[right]
+        out[at + n - 1 - j] = log_ratio(front.size[front.vid[left]], h)
+        out[at + n + j] = log_ratio(front.size[front.vid[right]], h)
+    x, y = front.xy[reference, 0], front.xy[reference, 1]
+    there = wanted_size(front, x + AHEAD * h * math.cos(bisector), y + AHEAD * h * math.sin(bisector))
+    out[at + 2 * n] = log_ratio(there, h)
 
 
 @inlined

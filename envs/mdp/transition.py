@@ -54,6 +54,7 @@ class Numbers(NamedTuple):
     beta: float
     n_rv: int
     alpha: float
+    sized: bool
     M_angle: float
     boundary: int
     invalid: int
@@ -121,7 +122,7 @@ def ring_quality(front: Front) -> float:
 @inlined
 def look(front: Front, numbers: Numbers, out: Floats) -> None:
     """Observe the reference vertex."""
-    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.extended, out)
+    observe(front, reference_slot(front), numbers.n, numbers.g, numbers.beta, numbers.extended, numbers.sized, out)
 
 
 @inlined
@@ -158,7 +159,7 @@ def transition(front: Front, action: Floats, numbers: Numbers, out: Outcome, i: 
         cap: elements at which the episode is truncated.
     """
     reference = reference_slot(front)
-    cut = decode(front, reference, action, numbers.n, numbers.alpha, numbers.type2)
+    cut = decode(front, reference, action, numbers.n, numbers.alpha, numbers.sized, numbers.type2)
     out.action_type[i] = decode_type(action[0], numbers.type2)
     out.rejection[i] = cut.rejection
     out.terms[i, :] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -64,6 +65,11 @@ def add(commands: Any) -> None:
                           "(default: its vertices as they are)")  # fmt: skip
     boundary.add_argument("--grading", type=positive, default=1.0, metavar="RATIO",
                           help="largest over smallest piece: finer at corners and small features (1)")  # fmt: skip
+    boundary.add_argument("--min-size", type=positive, default=0.0, metavar="L",
+                          help="elements grow inwards to this edge length at least, for a policy trained with "
+                          "env.scale=size (default: the boundary's)")  # fmt: skip
+    boundary.add_argument("--max-size", type=positive, default=math.inf, metavar="L",
+                          help="elements grow, or shrink, inwards to this edge length, likewise")  # fmt: skip
     add_fix_parity(boundary)
     boundary.add_argument("--yes", action="store_true", help="make a mesh of more than 2 million elements, too")
     quality = mesh.add_argument_group("quality")
@@ -93,11 +99,13 @@ def run(options: argparse.Namespace) -> int:
         MeshingError: a domain that has no valid mesh.
     """
     from envs.domains.load import load_all
+    from envs.types import WantedSizes
     from freemesh_ray.cli.compiling_line import CompilingLine
     from freemesh_ray.mesher.api import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.policies.policy import SHIPPED, Policy
 
+    sizes = WantedSizes(options.min_size, options.max_size)
     outputs = [Path(output) for output in options.output]
     check_outputs(outputs, SUFFIXES)
     domains = load_all(
@@ -107,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean", "effort")}
-    wishes["allow_large"] = options.yes
+    wishes |= {"allow_large": options.yes, "sizes": sizes}
     for i, domain in enumerate(domains):
         mesh = Mesh.from_domain(domain, policy, **wishes)
         written = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]

@@ -72,7 +72,7 @@ def agent(policy: Policy) -> Agent:
 @inner
 def look(agent: Agent, front: Front, slot: int, numbers: Numbers) -> None:
     """Let the agent see the front from a slot, and run its actor."""
-    observe(front, slot, numbers.n, numbers.g, numbers.beta, numbers.extended, agent.observation)
+    observe(front, slot, numbers.n, numbers.g, numbers.beta, numbers.extended, numbers.sized, agent.observation)
     forward(agent.actor, agent.observation, agent.outputs)
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from envs.domains.load import from_object, load_all
 from envs.mesh import Mesh as PlainMesh
-from envs.types import Domain, DomainError
+from envs.polygons.size_cells import Size, cells
+from envs.types import Domain, DomainError, Floats, WantedSizes
 from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import measure
@@ -40,8 +44,8 @@ class Mesh(PlainMesh):
         Args:
             domain: see envs.domains.load.load.
             policy: the shipped one by default.
-            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``, ``allow_large``: see
-                mesher.mesh_domain.
+            options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``, ``sizes``,
+                ``allow_large``: see mesher.mesh_domain.
 
         Raises:
             DomainError: a mesh too large.
@@ -96,6 +100,9 @@ def mesh(
     *,
     edge_length: float | None = None,
     grading: float = 1.0,
+    min_size: float = 0.0,
+    max_size: float = math.inf,
+    size: Size | Floats | None = None,
     fix_parity: bool = False,
     name: str | None = None,
     density: str = "medium",
@@ -110,6 +117,11 @@ def mesh(
             ``from_object`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
         grading: largest over smallest piece; 1: all alike.
+        min_size, max_size: bounds of the edge length wanted inside, in the polygon's units, for a policy whose scale is
+            ``size``; by default those of the boundary.
+        size: what is wanted inside, for such a policy: a function of (m, 2) places to (m,) edge lengths, or (m, 3) rows
+            x, y and an edge length; elements are no larger, and grow from there no faster than ``env.size_gradient``
+            says. The boundary keeps its segments.
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
             never is).
         name: what messages and files call it; by default the file's name, or ``polygon``.
@@ -121,6 +133,7 @@ def mesh(
     Raises:
         DomainError: not one polygon, one that cannot be meshed, or a mesh too large; one line with the place and the
             fix.
+        UserError: sizes that are none; PolicyError: sizes for a policy that knows none.
     """
     split: dict[str, Any] = {
         "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "allow_large": allow_large,
@@ -137,4 +150,10 @@ def mesh(
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
-    return Mesh.from_domain(domain, policy, allow_large=allow_large, **options)
+    if size is None:
+        sizes = WantedSizes(min_size, max_size)
+    else:
+        low, high = domain.points.min(axis=0), domain.points.max(axis=0)
+        points = cells(size, low, high).points if callable(size) else np.asarray(size, dtype=np.float64)
+        sizes = WantedSizes(min_size, max_size, points)
+    return Mesh.from_domain(domain, policy, sizes=sizes, allow_large=allow_large, **options)

@@ -20,7 +20,7 @@ from envs.mdp.action import ACCEPTED, ACTION_TYPES, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, close, reference_slot
 from envs.mdp.transition import Numbers, numbers
 from envs.mesh import Mesh
-from envs.types import Domain, Floats, Ints
+from envs.types import NO_WISHES, Domain, Floats, Ints, WantedSizes
 from freemesh_ray.mesher.agent import Agent, agent, look, mean_action
 from freemesh_ray.mesher.backtracking import elements_back, is_near, mark
 from freemesh_ray.mesher.candidates import Candidates, begin, candidates, found
@@ -133,7 +133,13 @@ def run(
 
 
 def grow(
-    policy: Policy, domain: Domain, seed: int | tuple[int, ...], *, exploration: float = 0.0, patience: int = PATIENCE
+    policy: Policy,
+    domain: Domain,
+    seed: int | tuple[int, ...],
+    *,
+    exploration: float = 0.0,
+    patience: int = PATIENCE,
+    sizes: WantedSizes = NO_WISHES,
 ) -> Grown:
     """Mesh a domain.
 
@@ -143,13 +149,15 @@ def grow(
         seed: of all draws, as for numpy.random.default_rng; the same arguments give the same mesh.
         exploration: share of the elements for which the policy's draws are taken in place of its mean, [0, 1].
         patience: backtracks without progress after which to give up.
+        sizes: what is wanted beyond the boundary's own sizes; it tells a policy something whose scale is ``size``.
     """
     parameters = policy.parameters
     # A look-ahead may begin just below the cap, and the last action cuts two elements.
-    cap = fr.element_cap(domain, parameters)
+    cap = fr.element_cap(domain, parameters, sizes)
     room = cap + DEPTH + 2
     # Type 2, which lets a front grow, is among the remedies whatever the policy does.
-    start = fr.template(domain, parameters, fr.capacity(len(domain.ring), replace(parameters, type2=True)))
+    slots = fr.capacity(len(domain.ring), replace(parameters, type2=True))
+    start = fr.template(domain, parameters, slots, sizes=sizes)
     front = fr.with_room(start, 2 * room, room)
     log, tally = undo_log(room), np.zeros(2, dtype=np.int64)
     run(

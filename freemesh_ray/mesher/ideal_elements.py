@@ -13,8 +13,9 @@ from __future__ import annotations
 import math
 
 from envs.kernels.compiled import inlined
-from envs.mdp.action import TYPE_0_LEFT, TYPE_0_RIGHT, TYPE_1, TYPE_2, base_length, encode_point, encode_type
+from envs.mdp.action import TYPE_0_LEFT, TYPE_0_RIGHT, TYPE_1, TYPE_2, encode_point, encode_type, unit_length
 from envs.mdp.front import Front, interior_angle
+from envs.mdp.transition import Numbers
 from envs.types import Floats
 
 #: How far out the new vertices lie: the fourth corner's distance and the height over the edge, as shares.
@@ -27,9 +28,9 @@ LEAST_SLOPE = math.pi / 3
 
 
 @inlined
-def shape(front: Front, slot: int, index: int, n: int, alpha: float, action: Floats) -> bool:
+def shape(front: Front, slot: int, index: int, numbers: Numbers, action: Floats) -> bool:
     """Write shape ``index``, 0 <= index < SHAPES, at a slot into ``action``, (5,); whether an action reaches it."""
-    reach = alpha * base_length(front, slot, n)
+    reach = numbers.alpha * unit_length(front, slot, numbers.n, numbers.sized)
     if index == 0:
         action[0] = encode_type(TYPE_0_RIGHT, True)
         return True

@@ -104,7 +104,7 @@ def expand(tree: Tree, level: int, front: Front, agent: Agent, policy_type2: boo
     for _ in range(front.counts[RING]):
         # To the left of a vertex lies what is to the right of the next but one.
         for index in range(2 + len(DISTANCES)):
-            if index != 1 and shape(front, slot, index, numbers.n, numbers.alpha, tree.draft):
+            if index != 1 and shape(front, slot, index, numbers, tree.draft):
                 propose(tree, level, front, slot, numbers)
         slot = front.nxt[slot]
 

@@ -15,14 +15,15 @@ import numpy as np
 
 from envs.errors import FAILED, UserError
 from envs.filling.convex_fill import FillError, fill
+from envs.mdp.size_field import elements_wanted
 from envs.mesh import Mesh
 from envs.polygons.mesh_size import check_elements, expected_in_domain
 from envs.quality import element_quality
-from envs.types import Domain
+from envs.types import NO_WISHES, Domain, WantedSizes
 from freemesh_ray.finish import USUAL, finish
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.warm_up import warm_up
-from freemesh_ray.policies.policy import Policy
+from freemesh_ray.policies.policy import Policy, PolicyError
 from freemesh_ray.storage import free_memory
 
 #: Times that the policy begins a domain before what is left is filled.
@@ -84,6 +85,7 @@ def mesh_domain(
     smooth: bool = True,
     clean: bool = True,
     effort: str = USUAL,
+    sizes: WantedSizes = NO_WISHES,
     allow_large: bool = False,
 ) -> MeshResult:
     """Mesh a domain.
@@ -96,22 +98,31 @@ def mesh_domain(
         search: for each element take the best of several of the policy's draws, by its critics or by the reward;
             otherwise its mean action.
         smooth, clean, effort: see finish.
+        sizes: what is wanted inside beyond the boundary's own sizes; for a policy whose scale is ``size``.
         allow_large: make a mesh of more than ``mesh_size.MOST_ELEMENTS`` expected elements, too.
 
     The first call in a process loads the kernels, or compiles them, which no mesh's time includes.
 
     Raises:
+        PolicyError: sizes for a policy that does not know the edge length wanted.
         DomainError, MemoryShortError: the mesh would be too large, or memory has no room for it; nothing was begun.
         MeshingError: no valid mesh was found: a domain thinner than its coordinates are precise.
     """
+    if sizes.stated and not policy.parameters.sized:
+        raise PolicyError(
+            f"{domain.name}: the policy was trained with env.scale = {policy.parameters.scale} and keeps to no size: "
+            "give one trained with env.scale = size, or leave --min-size and --max-size out"
+        )
     expected = expected_in_domain(domain)
+    if sizes.stated:
+        expected = max(expected, elements_wanted(domain, policy.parameters.size_gradient, sizes))
     if not allow_large:
         check_elements(expected, domain.name)
     what = f"{domain.name}: a mesh of about {expected:,.0f} elements"
     free_memory.check(BYTES_PER_ELEMENT * expected, what, "use a larger edge length")
     warm_up(policy)
     began = time.perf_counter()
-    candidates = [mesh_once(policy, domain, (seed, k), search, smooth, clean, effort) for k in range(best_of)]
+    candidates = [mesh_once(policy, domain, (seed, k), search, smooth, clean, effort, sizes) for k in range(best_of)]
     best = max(candidates, key=lambda one: mean_quality(one.finished))
     return replace(best, seconds_finished=time.perf_counter() - began) if best_of > 1 else best
 
@@ -122,13 +133,21 @@ def mean_quality(mesh: Mesh) -> float:
 
 
 def mesh_once(
-    policy: Policy, domain: Domain, seed: tuple[int, int], search: bool, smooth: bool, clean: bool, effort: str
+    policy: Policy,
+    domain: Domain,
+    seed: tuple[int, int],
+    search: bool,
+    smooth: bool,
+    clean: bool,
+    effort: str,
+    sizes: WantedSizes,
 ) -> MeshResult:
     """One mesh for `mesh_domain`."""
     began = time.perf_counter()
     grown, attempts = nothing(domain), 0
     while len(domain.ring) > 4 and attempts < ATTEMPTS and not grown.mesh.complete:
-        another = grow(policy, domain, (*seed, attempts), exploration=exploration(search, seed[1] + attempts))
+        share = exploration(search, seed[1] + attempts)
+        another = grow(policy, domain, (*seed, attempts), exploration=share, sizes=sizes)
         grown, attempts = max(grown, another, key=covered), attempts + 1
     raw = validated(completed(grown, domain), domain)
     seconds_raw = time.perf_counter() - began

@@ -61,7 +61,7 @@ def any_shape(
 ) -> None:
     """Consider well-shaped elements and uniform draws at a slot, ``two``: those with two new vertices among them."""
     for index in range(SHAPES if two else SHAPES - len(HEIGHTS)):
-        if shape(front, slot, index, numbers.n, numbers.alpha, candidates.draft):
+        if shape(front, slot, index, numbers, candidates.draft):
             consider(candidates, front, slot, agent, False, True, numbers)
     scatter(candidates, front, slot, agent, DRAWS, two, numbers, random)
 

@@ -46,7 +46,7 @@ def undo_log(elements: int) -> UndoLog:
 @inner
 def element(front: Front, slot: int, action: Floats, type2: bool, numbers: Numbers) -> Cut:
     """The element that an action asks for at a slot."""
-    return decode(front, slot, action, numbers.n, numbers.alpha, type2)
+    return decode(front, slot, action, numbers.n, numbers.alpha, numbers.sized, type2)
 
 
 @inner

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray.cli import command as cli
 from freemesh_ray.mesher import MeshingError, api
@@ -176,6 +177,22 @@ def test_a_coarse_outline_is_told_what_helps(capsys: pytest.CaptureFixture[str])
     assert "6 boundary segments are coarse or uneven; --edge-length" in capsys.readouterr().err
     assert cli.main(["mesh", path, "-o", "o.obj", "--edge-length", "2"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_sizes_inside_are_kept_to_or_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A policy that knows the size wanted makes fewer elements of larger ones; the shipped one knows none."""
+    parameters = MeshingParameters(scale="size", density="local")
+    layer = np.zeros((observation_size(parameters), 6), dtype=np.float32), np.array([0, 0, 0, -9, -9, -9], np.float32)
+    Policy([layer], parameters).save(tmp_path / "sizes.npz")
+    path, counts = polygon([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]]), []
+    line = ["mesh", path, "--edge-length", "0.1", "-o", "a.obj"]
+    for largest in ("0.1", "0.4"):
+        assert cli.main([*line, "--max-size", largest, "--policy", str(tmp_path / "sizes.npz")]) == 0
+        counts.append(int(capsys.readouterr().out.split()[1]))
+    assert counts[0] > 1.2 * counts[1]
+    line[-1] = "new.obj"
+    assert "env.scale = front and keeps to no size" in refused(capsys, tmp_path, *line, "--max-size", "0.4")
+    assert "give --min-size at most" in refused(capsys, tmp_path, *line, "--max-size", "0.1", "--min-size", "0.2")
 
 
 def test_every_polygon_of_a_file_gets_its_own_mesh(policy: str, capsys: pytest.CaptureFixture[str]) -> None:

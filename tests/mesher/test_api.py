@@ -13,8 +13,9 @@ from checkout import ROOT
 
 import freemesh_ray
 from envs.domains.load import load
-from envs.types import DomainError
-from freemesh_ray.policies.policy import SHIPPED, Policy
+from envs.mdp.observation import observation_size
+from envs.types import DomainError, MeshingParameters
+from freemesh_ray.policies.policy import SHIPPED, Policy, PolicyError
 
 OUTLINE = np.array([[0, 0], [4, 0], [4, 1.5], [1.5, 1.5], [1.5, 3], [0, 3]], dtype=np.float64)
 
@@ -47,6 +48,25 @@ def test_units_and_scale_are_kept(scale: float) -> None:
     made = freemesh_ray.mesh(scale * OUTLINE, edge_length=0.25 * scale)
     assert made.defects(area=scale**2 * shapely.Polygon(OUTLINE).area) == []
     assert np.ptp(made.vertices, axis=0) == pytest.approx(scale * np.ptp(OUTLINE, axis=0))
+
+
+def test_a_size_that_is_said_inside_is_kept_to() -> None:
+    """Small elements around a point, as a function and as one row; the boundary's segments stay as they are."""
+    parameters = MeshingParameters(scale="size", density="local")
+    layer = np.zeros((observation_size(parameters), 6), dtype=np.float32), np.array([0, 0, 0, -9, -9, -9], np.float32)
+    options = {"edge_length": 0.25, "policy": Policy([layer], parameters)}
+    plain = freemesh_ray.mesh(OUTLINE, **options)
+    row = freemesh_ray.mesh(OUTLINE, size=np.array([[0.75, 0.75, 0.05]]), **options)
+    said = freemesh_ray.mesh(OUTLINE, size=lambda at: 0.05 + 0.2 * np.hypot(*(at - 0.75).T), **options)
+    for made in (row, said):
+        assert made.defects(area=shapely.Polygon(OUTLINE).area) == []
+        np.testing.assert_array_equal(made.segments, plain.segments)
+        middles = made.vertices[made.quads].mean(axis=1)
+        near = np.hypot(*(middles - 0.75).T) < 0.3
+        assert near.sum() > 2 * (np.hypot(*(plain.vertices[plain.quads].mean(axis=1) - 0.75).T) < 0.3).sum()
+        assert made.areas[near].mean() < 0.5 * made.areas[~near].mean()
+    with pytest.raises(PolicyError, match=r"env\.scale = front"):
+        freemesh_ray.mesh(OUTLINE, edge_length=0.25, size=lambda at: 0.1)
 
 
 def test_a_file_is_a_polygon_too() -> None:

@@ -19,9 +19,10 @@ from envs.filling.convex_fill import FillError
 from envs.mdp import front as fr
 from envs.mdp.action import ACCEPTED, TYPE_1, TYPE_2, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
+from envs.mdp.observation import observation_size
 from envs.mdp.transition import numbers
 from envs.quality import element_quality
-from envs.types import Domain, MeshingParameters
+from envs.types import Domain, MeshingParameters, WantedSizes
 from freemesh_ray.mesher import MeshingError, mesh_domain, meshing
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark
@@ -31,7 +32,7 @@ from freemesh_ray.mesher.ideal_elements import SHAPES, shape
 from freemesh_ray.mesher.lookahead import DEPTH, fill, tree
 from freemesh_ray.mesher.meshing import ATTEMPTS, mean_quality
 from freemesh_ray.mesher.undo_log import SOURCES, element, undo_log
-from freemesh_ray.policies.policy import Policy
+from freemesh_ray.policies.policy import Policy, PolicyError
 
 
 def constant(mean: tuple[float, float, float], log_std: float, **parameters: object) -> Policy:
@@ -187,7 +188,7 @@ DISC = from_rings(circle(24), name="disc")
 def attempts_of(found: Sequence[Grown], asked: list[float]) -> Callable[..., Grown]:
     """An engine whose attempts come out as they are given; it notes how much each was asked to explore."""
 
-    def grow(policy: Policy, domain: Domain, seed: tuple[int, ...], *, exploration: float) -> Grown:
+    def grow(policy: Policy, domain: Domain, seed: tuple[int, ...], *, exploration: float, sizes: WantedSizes) -> Grown:
         asked.append(exploration)
         return found[len(asked) - 1]
 
@@ -230,6 +231,44 @@ def test_the_attempt_that_covers_most_is_handed_out(monkeypatch: pytest.MonkeyPa
         assert made.raw.quads[: -made.filled].tobytes() == best.mesh.quads.tobytes()
 
 
+# The size wanted
+
+
+def sized(mean: tuple[float, float, float]) -> Policy:
+    """Acts the same everywhere, in lengths of the size wanted."""
+    bias = np.array([*mean, -9.0, -9.0, -9.0], dtype=np.float32)
+    parameters = MeshingParameters(scale="size", density="local")
+    return Policy([(np.zeros((observation_size(parameters), 6), dtype=np.float32), bias)], parameters)
+
+
+def test_a_policy_of_sizes_meshes_with_every_remedy() -> None:
+    for name in ("T1", "random:3", "D9"):
+        domain = load(name)
+        made = mesh_domain(sized((0.0, 0.0, 0.0)), domain, seed=1)
+        assert made.raw.defects(domain.area) == made.finished.defects(domain.area) == []
+        again = mesh_domain(sized((0.0, 0.0, 0.0)), domain, seed=1)
+        assert made.raw.vertices.tobytes() == again.raw.vertices.tobytes()
+
+
+def test_limits_of_the_size_make_elements_larger_or_smaller() -> None:
+    domain = from_rings(circle(60), name="disc")
+    h = 2.0 * np.sin(np.pi / 60)
+    counts = [
+        len(
+            mesh_domain(
+                sized((0.0, 0.0, 0.0)), domain, sizes=WantedSizes(most=most), smooth=False, clean=False
+            ).raw.quads
+        )
+        for most in (3.0 * h, h, 0.5 * h)
+    ]
+    assert counts[0] < counts[1] < counts[2]
+
+
+def test_limits_for_a_policy_that_knows_no_size_are_refused_in_one_line() -> None:
+    with pytest.raises(PolicyError, match=r"^T1: the policy was trained with env\.scale = front"):
+        mesh_domain(BISECTOR, load("T1"), sizes=WantedSizes(most=1.0))
+
+
 # The remedies
 
 
@@ -248,7 +287,7 @@ def test_shapes_are_square_where_the_front_is() -> None:
     best = {TYPE_1: 0.0, TYPE_2: 0.0}
     for slot in range(12):
         for index in range(SHAPES):
-            if not shape(front, slot, index, mdp.n, mdp.alpha, action):
+            if not shape(front, slot, index, mdp, action):
                 continue
             cut = element(front, slot, action, True, mdp)
             kind = decode_type(action[0], True)

@@ -22,7 +22,7 @@ from play import record
 from envs.domains.load import load
 from envs.mdp.front import restart
 assert not hasattr(restart, "py_func"), "still compiled"
-numpy.savez(sys.argv[1], *record(load(sys.argv[2]), 1, 150, type2=sys.argv[3] == "True"))
+numpy.savez(sys.argv[1], *record(load(sys.argv[2]), 1, 150, type2=sys.argv[3] == "True", scale=sys.argv[4]))
 """
 
 
@@ -40,12 +40,14 @@ def test_kernel_tests_pass_interpreted() -> None:
     interpreted("-m", "pytest", "-p", "no:cacheprovider", *(f"meshing_world/{name}" for name in names))
 
 
-@pytest.mark.parametrize(("name", "type2"), [("random:11", False), ("random:3", True)])
-def test_an_episode_is_the_same_interpreted(tmp_path: Path, name: str, type2: bool) -> None:
-    interpreted("-c", SCRIPT, str(tmp_path / "episode.npz"), name, str(type2))
+@pytest.mark.parametrize(
+    ("name", "type2", "scale"), [("random:11", False, "front"), ("random:3", True, "front"), ("random:3", True, "size")]
+)
+def test_an_episode_is_the_same_interpreted(tmp_path: Path, name: str, type2: bool, scale: str) -> None:
+    interpreted("-c", SCRIPT, str(tmp_path / "episode.npz"), name, str(type2), scale)
     with np.load(tmp_path / "episode.npz") as found:
         observations, rewards, rejections, ring = found.values()
-    expected = record(load(name), 1, 150, type2=type2)
+    expected = record(load(name), 1, 150, type2=type2, scale=scale)
     np.testing.assert_allclose(observations, expected[0], atol=1e-6)
     np.testing.assert_allclose(rewards, expected[1], atol=1e-9)
     np.testing.assert_array_equal(rejections, expected[2])

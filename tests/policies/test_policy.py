@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -60,6 +61,20 @@ def test_a_round_trip_keeps_every_bit(tmp_path: Path) -> None:
         np.testing.assert_array_equal(ours[0], theirs[0])
         np.testing.assert_array_equal(ours[1], theirs[1])
     assert list((tmp_path / "sub").iterdir()) == [tmp_path / "sub" / "policy.npz"]
+
+
+def test_a_policy_says_its_scale_and_an_old_one_has_the_front_s(tmp_path: Path) -> None:
+    made = policy(scale="size", size_gradient=0.1)
+    made.save(tmp_path / "sizes.npz")
+    assert Policy.load(tmp_path / "sizes.npz").parameters == made.parameters
+    policy().save(tmp_path / "now.npz")
+    with np.load(tmp_path / "now.npz") as archive:
+        arrays = dict(archive)
+    about = json.loads(str(arrays["about"]))
+    for name in ("scale", "size_gradient"):
+        del about["parameters"][name]
+    np.savez(tmp_path / "old.npz", **arrays | {"about": np.array(json.dumps(about))})
+    assert Policy.load(tmp_path / "old.npz").parameters == MeshingParameters(scale="front")
 
 
 def test_critics_are_kept_with_the_policy(tmp_path: Path) -> None:

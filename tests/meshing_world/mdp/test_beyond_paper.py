@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from play import turns
 
 from envs.domains.load import load
-from envs.mdp.front import AREA, ELEMENTS, GIVEN, POINTS, REGULAR, reference_slot, sizes, wanted
+from envs.mdp.front import AREA, ELEMENTS, GIVEN, POINTS, REGULAR, reference_slot, wanted
 from envs.mdp.observation import observation_names
 from envs.mesh_env import spaces_of
 from envs.types import MeshingParameters
@@ -75,22 +73,6 @@ def test_irregular_vertices_cost_their_weight(name: str) -> None:
         new = gone[gone >= after.counts[GIVEN]]
         expected = -weight * np.abs(after.need[new]).sum()
         assert turn.episodes.out.terms[turn.chosen, 3] == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("name", DOMAINS)
-def test_new_vertices_want_the_size_of_those_they_were_put_between(name: str) -> None:
-    domain = load(name)
-    given = sizes(domain)
-    for turn in turns(domain, 5, limit=60, type2=True):
-        front = turn.episodes.front(turn.chosen or 0)
-        wanted_sizes = front.size[: front.counts[POINTS]]
-        np.testing.assert_array_equal(wanted_sizes[: front.counts[GIVEN]], given)
-        assert given.min() <= wanted_sizes.min() <= wanted_sizes.max() <= given.max()
-
-
-def test_sizes_scale_with_the_domain() -> None:
-    domain = load("D4")
-    np.testing.assert_allclose(sizes(replace(domain, points=1e3 * domain.points)), 1e3 * sizes(domain), rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", DOMAINS)

@@ -16,10 +16,11 @@ from play import coordinates, generic, record, turns
 from envs.domains.load import load
 from envs.mdp import observation
 from envs.mdp.episodes import Episodes
-from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front, reference_slot
+from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front, reference_slot, ring_slots
 from envs.mdp.observation import Entry, entries, observation_names, observation_size, observe
+from envs.mdp.size_field import sources
 from envs.mesh_env import spaces_of
-from envs.types import NAMED, Domain, Floats, MeshingParameters
+from envs.types import NAMED, SCALES, Domain, Floats, MeshingParameters
 
 parameter_sets = st.builds(
     MeshingParameters,
@@ -28,6 +29,7 @@ parameter_sets = st.builds(
     beta=st.floats(0.5, 20.0),
     n_rv=st.integers(1, 4),
 )
+scales = st.sampled_from(SCALES)
 
 
 def turn_of(u: complex, v: complex) -> float:
@@ -52,12 +54,14 @@ def first_hit(z: np.ndarray, L_r: float, direction: complex) -> float:
     return min([L_r, *shapely.distance(shapely.Point(0.0, 0.0), hits)]) / L_r
 
 
-def definition(front: Front, parameters: MeshingParameters) -> Floats:
+def definition(front: Front, parameters: MeshingParameters, domain: Domain) -> Floats:
     """The observation by its definition: every vertex is looked at."""
     n, g = parameters.n, parameters.g
     z = coordinates(front) @ [1.0, 1.0j]
     size, around = len(z), [i % len(z) for i in range(-n, n)]
-    L_r = parameters.beta * float(np.mean(np.abs(np.roll(z, -1) - z)[around]))
+    L = float(np.mean(np.abs(np.roll(z, -1) - z)[around]))
+    sizes = front.size[front.vid[ring_slots(front)]]
+    L_r = parameters.beta * (float(sizes[0]) if parameters.sized else L)
     right, left = z[1] - z[0], z[-1] - z[0]
     theta = turn_of(right, left)
     entries: list[float] = []
@@ -67,19 +71,27 @@ def definition(front: Front, parameters: MeshingParameters) -> Floats:
     for j in range(1, n + 1):
         v = z[j % size] - z[0]
         entries += [min(1.0, abs(v) / L_r), shorter(right, v) / math.pi]
+    axis = right / abs(right)
     neighbours = {j % size for j in range(-n, n + 1)}
     seen = [(abs(z[i] - z[0]), turn_of(right, z[i] - z[0])) for i in range(size) if i not in neighbours]
     seen = [(d, phi) for d, phi in seen if front.measure[TOLERANCE] < d <= L_r and phi <= theta]
     for j in range(g):
         inside = [(d, phi) for d, phi in seen if min(g - 1, int(phi * g / theta)) == j]
         bisector = (j + 0.5) * theta / g
-        axis = right / abs(right)
         if inside:
             d, phi = min(inside)
             entries += [d / L_r, phi / math.pi]
         else:
             entries += [first_hit(z, L_r, axis * complex(math.cos(bisector), math.sin(bisector))), bisector / math.pi]
-    return np.array([*entries, front.measure[AREA] / front.measure[AREA_0]])
+    entries.append(front.measure[AREA] / front.measure[AREA_0])
+    if parameters.sized:
+        at = [0, *range(-n, 0), *range(1, n + 1)]
+        told = np.append(z[[i % size for i in at]], z[0] + 2.0 * sizes[0] * axis * np.exp(0.5j * theta))
+        given = sources(domain)
+        cones = np.abs(told[:, None] - given[:, :2] @ [1.0, 1.0j]) * parameters.size_gradient + given[:, 2]
+        h = np.minimum(cones.min(axis=1), given[:, 2].max())
+        entries += np.clip(np.log(np.array([L, *h[1:]]) / h[0]) / math.log(4.0), -1.0, 1.0).tolist()
+    return np.array(entries)
 
 
 def placed(domain: Domain, turn: float, scale: float, shift: tuple[float, float]) -> Domain:
@@ -90,29 +102,34 @@ def placed(domain: Domain, turn: float, scale: float, shift: tuple[float, float]
 
 
 def documented(parameters: MeshingParameters) -> dict[int, Entry]:
-    """The entries that the module's text lists, by index."""
+    """The entries that the module's text lists for these parameters, by index."""
     n, g = parameters.n, parameters.g
+    m = 4 * n + 2 * g + 1 + parameters.extended * (2 * n + 1)
     groups = {"l": range(1, n + 1), "r": range(1, n + 1), "zeta": range(1, g + 1)}
-    row = re.compile(r"    (\d.*?)\s{2,}((?:(\w+)\{j\}_)?\w+)\s{2,}(\S.*?)\s{2,}\[(-?\d), (-?\d)\]")
+    row = re.compile(r"    ([\dm].*?)\s{2,}((?:(\w+)\{j\}_)?\w+)\s{2,}(\S.*?)\s{2,}\[(-?\d), (-?\d)\]")
     found: dict[int, Entry] = {}
+    switched = {"lacks": parameters.extended, "size": parameters.drift, "_size": parameters.sized}
     for index, name, points, unit, low, high in row.findall(str(observation.__doc__)):
+        if not all(on for end, on in switched.items() if name == end or (end != "size" and name.endswith(end))):
+            continue
         for j in groups[points] if points else [0]:
-            at = eval(re.sub(r"(\d) (?=[(a-z])", r"\1 * ", index), {"n": n, "g": g, "j": j})
+            at = eval(re.sub(r"(\d) (?=[(a-z])", r"\1 * ", index), {"n": n, "g": g, "m": m, "j": j})
             assert at not in found
             found[at] = Entry(name.replace("{j}", str(j)), unit, int(low), int(high))
     return found
 
 
-@given(parameter_sets, st.booleans())
-def test_size_names_bounds_and_text_are_the_table_s(parameters: MeshingParameters, extended: bool) -> None:
-    parameters = replace(parameters, extended=extended)
+@given(parameter_sets, st.booleans(), scales)
+def test_size_names_bounds_and_text_are_the_table_s(parameters: MeshingParameters, extended: bool, scale: str) -> None:
+    parameters = replace(parameters, extended=extended, scale=scale)  # type: ignore[arg-type]
     table, size = entries(parameters), observation_size(parameters)
-    assert size == 4 * parameters.n + 2 * parameters.g + 1 + extended * (2 * parameters.n + 2) == len(table)
+    n, g, sized = parameters.n, parameters.g, scale == "size"
+    assert size == 4 * n + 2 * g + 1 + extended * (2 * n + 1) + (extended or sized) + sized * (2 * n + 1) == len(table)
     assert observation_names(parameters) == [entry.name for entry in table]
     assert len(set(observation_names(parameters))) == size
     told = documented(parameters)
     assert [told[at] for at in range(size)] == table
-    assert extended == (len(told) == size)
+    assert len(told) == size
     box, _ = spaces_of(parameters)
     assert (box.shape, box.dtype) == ((size,), np.float32)
     assert [(entry.low, entry.high) for entry in table] == list(zip(box.low.tolist(), box.high.tolist(), strict=True))
@@ -128,14 +145,17 @@ def test_o2_is_laid_out_as_documented() -> None:
 
 
 @settings(max_examples=25)
-@given(parameter_sets, st.booleans(), st.integers(0, 20))
-def test_every_entry_is_written_and_nothing_beyond(parameters: MeshingParameters, extended: bool, seed: int) -> None:
-    parameters = replace(parameters, extended=extended)
+@given(parameter_sets, st.booleans(), scales, st.integers(0, 20))
+def test_every_entry_is_written_and_nothing_beyond(
+    parameters: MeshingParameters, extended: bool, scale: str, seed: int
+) -> None:
+    parameters = replace(parameters, extended=extended, scale=scale)  # type: ignore[arg-type]
     episodes = Episodes([generic("random:11", seed)], parameters, 1)
     episodes.start(0, 0)
     front, size = episodes.front(0), observation_size(parameters)
     out = np.full(size + 3, np.nan, dtype=np.float32)
-    observe(front, reference_slot(front), parameters.n, parameters.g, parameters.beta, extended, out)
+    n, g, beta = parameters.n, parameters.g, parameters.beta
+    observe(front, reference_slot(front), n, g, beta, extended, scale == "size", out)
     np.testing.assert_array_equal(np.isnan(out), np.arange(size + 3) >= size)
 
 
@@ -153,14 +173,14 @@ def test_a_square_front_is_seen_as_drawn() -> None:
 
 
 @settings(max_examples=25)
-@given(parameter_sets, st.booleans(), st.integers(0, 500), st.booleans(), st.integers(0, 2))
+@given(parameter_sets, st.booleans(), scales, st.integers(0, 500), st.booleans(), st.integers(0, 2))
 def test_play_stays_within_the_bounds(
-    parameters: MeshingParameters, extended: bool, seed: int, type2: bool, holes: int
+    parameters: MeshingParameters, extended: bool, scale: str, seed: int, type2: bool, holes: int
 ) -> None:
     domain = load(f"random:{seed}?vertices=40&holes={holes}")
     options = {name: getattr(parameters, name) for name in ("n", "g", "beta", "n_rv")}
-    observations = record(domain, seed, 150, type2=type2, extended=extended, **options)[0]
-    table = entries(replace(parameters, extended=extended))
+    observations = record(domain, seed, 150, type2=type2, extended=extended, scale=scale, **options)[0]
+    table = entries(replace(parameters, extended=extended, scale=scale))  # type: ignore[arg-type]
     assert observations.dtype == np.float32
     assert observations.shape[1] == len(table)
     for entry, values in zip(table, observations.T, strict=True):
@@ -173,31 +193,36 @@ def test_play_stays_within_the_bounds(
         ("T1", {}), ("T2", {}), ("D9", {}), ("random:3", {}), ("random:5", {}),
         ("random:20", NAMED["observation"]["O3"]),
         ("random:11", {"n": 1, "g": 1, "beta": 2.0}), ("random:58?holes=2&vertices=60", {"n": 4, "g": 8, "beta": 10.0}),
-        ("random:3", {"type2": True, "n": 8, "g": 16}),
+        ("random:3", {"type2": True, "n": 8, "g": 16}), ("T1", {"scale": "size"}),
+        ("random:3", {"scale": "size"}), ("random:5", {"scale": "size", "g": 5, "size_gradient": 0.05}),
     ],
     ids=str,
 )  # fmt: skip
 def test_play_is_observed_by_the_definition(name: str, options: dict) -> None:
     parameters = MeshingParameters(**options)
-    for turn in turns(generic(name), 0, tries=8, limit=80, **options):
+    domain = generic(name)
+    for turn in turns(domain, 0, tries=8, limit=80, **options):
         out = turn.episodes.out
         if turn.chosen is not None and not out.terminated[turn.chosen]:
-            np.testing.assert_allclose(out.observation[turn.chosen], definition(turn.after, parameters), atol=2e-6)
+            np.testing.assert_allclose(
+                out.observation[turn.chosen], definition(turn.after, parameters, domain), atol=4e-6
+            )
 
 
 @settings(max_examples=20)
 @given(
     seed=st.integers(0, 500), turn=st.floats(-7.0, 7.0), exponent=st.floats(-6.0, 6.0),
     shift=st.tuples(st.floats(-50, 50), st.floats(-50, 50)), holes=st.integers(0, 1), type2=st.booleans(),
+    scale=scales,
 )  # fmt: skip
-@example(seed=1, turn=1.0, exponent=-6.0, shift=(50.0, -50.0), holes=1, type2=True)
-@example(seed=2, turn=2.0, exponent=6.0, shift=(-50.0, 50.0), holes=0, type2=False)
+@example(seed=1, turn=1.0, exponent=-6.0, shift=(50.0, -50.0), holes=1, type2=True, scale="size")
+@example(seed=2, turn=2.0, exponent=6.0, shift=(-50.0, 50.0), holes=0, type2=False, scale="front")
 def test_episodes_do_not_depend_on_where_the_domain_lies(
-    seed: int, turn: float, exponent: float, shift: tuple[float, float], holes: int, type2: bool
+    seed: int, turn: float, exponent: float, shift: tuple[float, float], holes: int, type2: bool, scale: str
 ) -> None:
     domain = generic(f"random:{seed}?vertices=40&holes={holes}", seed)
     elsewhere = placed(domain, turn, 10.0**exponent, shift)
-    here, there = (record(d, seed, 300, type2=type2) for d in (domain, elsewhere))
+    here, there = (record(d, seed, 300, type2=type2, scale=scale) for d in (domain, elsewhere))
     np.testing.assert_allclose(here[0], there[0], atol=2e-6)
     np.testing.assert_allclose(here[1], there[1], atol=1e-6)
     np.testing.assert_array_equal(here[2], there[2])

@@ -171,7 +171,7 @@ def test_the_released_rewards_are_those_of_the_authors_code(name: str) -> None:
                 assert out.reward[i] == pytest.approx(-1.0 / max(1, front.counts[ELEMENTS]))
             elif not out.terminated[i] and front.counts[RING] > 6:
                 new = int(front.counts[POINTS] - before.counts[POINTS])
-                printed = eta_b(decode(before, reference_slot(before), action, 2, 2.0, False), SIXTY)
+                printed = eta_b(decode(before, reference_slot(before), action, 2, 2.0, False, False), SIXTY)
                 product = (printed + 1.0) ** 2 * smoothness(front, new)
                 assert out.terms[i, 1] == pytest.approx(product ** (1.0 / (2 + new)) - 1.0, abs=1e-9)
                 seen.add(new)
