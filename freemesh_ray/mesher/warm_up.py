@@ -24,7 +24,7 @@ from freemesh_ray.mesher.engine import grow
 from freemesh_ray.policies.policy import Policy
 
 #: What compiling takes on a processor of 2020, in seconds of processor time.
-SECONDS = 20
+SECONDS = 40
 
 #: What whoever waits is told.
 NOTICE = f"compiling the mesher's kernels, once: about {SECONDS} s"
