@@ -66,8 +66,8 @@ def add(commands: Any) -> None:
     boundary.add_argument("--grading", type=positive, default=1.0, metavar="RATIO",
                           help="largest over smallest piece: finer at corners and small features (1)")  # fmt: skip
     boundary.add_argument("--min-size", type=positive, default=0.0, metavar="L",
-                          help="elements grow inwards to this edge length at least, for a policy trained with "
-                          "env.scale=size (default: the boundary's)")  # fmt: skip
+                          help="with --density even: elements grow inwards to this edge length at least "
+                          "(default: the boundary's)")  # fmt: skip
     boundary.add_argument("--max-size", type=positive, default=math.inf, metavar="L",
                           help="elements grow, or shrink, inwards to this edge length, likewise")  # fmt: skip
     add_fix_parity(boundary)
@@ -82,8 +82,9 @@ def add(commands: Any) -> None:
                          "for about half a second; thorough, many times as long (usual)")  # fmt: skip
     quality.add_argument("--search", action="store_true",
                          help="for each element the best of several of the policy's draws, not its mean")  # fmt: skip
-    quality.add_argument("--density", choices=["sparse", "medium", "dense"], default="medium",
-                         help="how large elements grow inside (medium)")  # fmt: skip
+    quality.add_argument("--density", choices=["sparse", "medium", "dense", "even"], default="medium",
+                         help="how large elements grow inside; even: as the boundary's segments, or as --max-size and "
+                         "--min-size say (medium)")  # fmt: skip
     add_policy(quality, "the shipped one of that density")
     files = mesh.add_argument_group("files")
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")

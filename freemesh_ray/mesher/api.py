@@ -125,7 +125,8 @@ def mesh(
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
             never is).
         name: what messages and files call it; by default the file's name, or ``polygon``.
-        density: ``sparse``, ``medium`` or ``dense``: how large elements grow inside.
+        density: ``sparse``, ``medium``, ``dense`` or ``even``: how large elements grow inside; ``even``: as the
+            boundary's segments.
         policy: the shipped one of that density by default.
         allow_large: make a mesh of more than 2 million elements, too.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``: see mesher.mesh_domain.

@@ -111,7 +111,7 @@ def mesh_domain(
     if sizes.stated and not policy.parameters.sized:
         raise PolicyError(
             f"{domain.name}: the policy was trained with env.scale = {policy.parameters.scale} and keeps to no size: "
-            "give one trained with env.scale = size, or leave --min-size and --max-size out"
+            "give --density even, or leave --min-size and --max-size out"
         )
     expected = expected_in_domain(domain)
     if sizes.stated:

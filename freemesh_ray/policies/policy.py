@@ -23,7 +23,8 @@ from freemesh_ray.storage.array_archive import read_arrays
 from freemesh_ray.storage.atomic import replacing
 
 #: The policies that ship with the package, by how large they cut the elements; their card lies beside them.
-SHIPPED = {name: Path(__file__).parent / f"{name}.npz" for name in ("sparse", "medium", "dense")}
+#: ``even`` keeps to the edge length of the boundary, graded inwards.
+SHIPPED = {name: Path(__file__).parent / f"{name}.npz" for name in ("sparse", "medium", "dense", "even")}
 DEFAULT = SHIPPED["medium"]
 
 Layer = tuple[np.ndarray, np.ndarray]

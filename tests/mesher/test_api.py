@@ -126,6 +126,16 @@ def test_the_density_decides_how_many_elements() -> None:
     assert counts == sorted(counts)
 
 
+@pytest.mark.parametrize("count", [12, 31, 60])
+def test_even_elements_are_as_long_as_the_boundary_s_segments(count: int) -> None:
+    mesh = freemesh_ray.mesh([[0, 0], [2, 0], [2, 1], [0, 1]], edge_length=1 / count, density="even")
+    assert len(mesh.quads) == 2 * count**2
+    assert mesh.quality()["singularity"] == 0
+    corners = mesh.vertices[mesh.quads]
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    assert lengths.max() * count < 1.05
+
+
 def test_meshing_needs_neither_ray_nor_torch_nor_mlflow() -> None:
     code = (
         "import sys, freemesh_ray;"
