@@ -82,9 +82,9 @@ def add(commands: Any) -> None:
                          "for about half a second; thorough, many times as long (usual)")  # fmt: skip
     quality.add_argument("--search", action="store_true",
                          help="for each element the best of several of the policy's draws, not its mean")  # fmt: skip
-    quality.add_argument("--density", choices=["sparse", "medium", "dense", "even"], default="medium",
+    quality.add_argument("--density", choices=["sparse", "medium", "dense", "even"], default="even",
                          help="how large elements grow inside; even: as the boundary's segments, or as --max-size and "
-                         "--min-size say (medium)")  # fmt: skip
+                         "--min-size say (even)")  # fmt: skip
     add_policy(quality, "the shipped one of that density")
     files = mesh.add_argument_group("files")
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")

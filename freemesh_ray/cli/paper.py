@@ -42,7 +42,7 @@ def add(commands: Any) -> None:
     paper.add_argument("table", choices=TABLES, metavar="TABLE", help=", ".join(TABLES))
     paper.add_argument("domains", nargs="*", metavar="DOMAIN", help="in place of the paper's, in their order")
     paper.add_argument("--policy", action="append", default=[], metavar="[LABEL=]FILE",
-                       help="policy.npz of a training (default: the shipped one); repeatable, with labels, for "
+                       help="policy.npz of a training (default: the shipped medium); repeatable, with labels, for "
                        "observation and density")  # fmt: skip
     paper.add_argument("--peers", type=peer_names, default=["gmsh-default"], metavar="NAMES",
                        help="quality: separated by commas, or none (gmsh-default, which is Blossom-Quad)")  # fmt: skip
@@ -138,11 +138,11 @@ def domains(options: argparse.Namespace, names: Sequence[str]) -> list[Any]:
 
 
 def labelled(options: argparse.Namespace) -> dict[str, Path]:
-    """Label -> policy file; without a label the folder's name, without any policy the shipped one."""
-    from freemesh_ray.policies.policy import DEFAULT, PolicyError
+    """Label -> policy file; without a label the folder's name, without one the shipped policy of the paper's MDP."""
+    from freemesh_ray.policies.policy import OF_THE_PAPER, PolicyError
 
     found: dict[str, Path] = {}
-    for text in options.policy or [f"shipped={DEFAULT}"]:
+    for text in options.policy or [f"shipped={OF_THE_PAPER}"]:
         label, equals, file = text.rpartition("=")
         path = Path(file)
         label = label if equals else path.resolve().parent.name

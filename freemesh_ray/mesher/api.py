@@ -18,7 +18,7 @@ from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.plots import replay
-from freemesh_ray.policies.policy import DEFAULT, SHIPPED, Policy
+from freemesh_ray.policies.policy import DEFAULT, DENSITY, SHIPPED, Policy
 
 #: What a mesh can be written as.
 SUFFIXES = (*export.SUFFIXES, *plots.SUFFIXES, replay.SUFFIX)
@@ -105,7 +105,7 @@ def mesh(
     size: Size | Floats | None = None,
     fix_parity: bool = False,
     name: str | None = None,
-    density: str = "medium",
+    density: str = DENSITY,
     policy: Policy | None = None,
     allow_large: bool = False,
     **options: Any,

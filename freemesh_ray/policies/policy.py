@@ -25,7 +25,10 @@ from freemesh_ray.storage.atomic import replacing
 #: The policies that ship with the package, by how large they cut the elements; their card lies beside them.
 #: ``even`` keeps to the edge length of the boundary, graded inwards.
 SHIPPED = {name: Path(__file__).parent / f"{name}.npz" for name in ("sparse", "medium", "dense", "even")}
-DEFAULT = SHIPPED["medium"]
+DENSITY = "even"
+DEFAULT = SHIPPED[DENSITY]
+#: What stands for the paper's policy in its tables: of its MDP.
+OF_THE_PAPER = SHIPPED["medium"]
 
 Layer = tuple[np.ndarray, np.ndarray]
 #: What reading a file raises that is no policy.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from envs.polygons.sizing import MOST_GRADING
+from freemesh_ray.policies.policy import DENSITY
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
 from freemesh_ray.serving.limits import Limits
 
@@ -128,7 +129,7 @@ def parameters(query: Iterable[tuple[str, str]], densities: Sequence[str], limit
             raise ParameterError(f"parameter {name}={shortened(text)!r}: give {known[name].wanted}") from None
     if values.get("grading", 1.0) > 1.0 and "edge_length" not in values:
         raise ParameterError("parameter grading: means nothing alone: give edge_length, too")
-    density = values.pop("density", "medium" if "medium" in densities else densities[0])
+    density = values.pop("density", DENSITY if DENSITY in densities else densities[0])
     return Parameters(density, **values)
 
 
