@@ -19,10 +19,16 @@ from freemesh_ray.policies.policy import SHIPPED, Policy
 DOMAINS = ("D1", "D2", "D4", "D5", "D6", "D7", "D8", "D9", *(f"part:{seed}" for seed in range(8)))
 
 #: Policy -> (mean eta, mean 5th percentile, mean least eta, irregular nodes in all): at least, the last at most.
-RAW = {"sparse": (0.664, 0.42, 0.19, 1010), "medium": (0.728, 0.436, 0.175, 975), "dense": (0.718, 0.419, 0.145, 1220)}
-FINISHED = {"sparse": (0.822, 0.60, 0.40, 570), "medium": (0.848, 0.64, 0.43, 560), "dense": (0.846, 0.635, 0.44, 745)}
+RAW = {
+    "sparse": (0.664, 0.42, 0.19, 1010), "medium": (0.728, 0.436, 0.175, 975),
+    "dense": (0.718, 0.419, 0.145, 1220), "even": (0.71, 0.44, 0.29, 1300),
+}  # fmt: skip
+FINISHED = {
+    "sparse": (0.835, 0.615, 0.44, 340), "medium": (0.858, 0.66, 0.475, 320),
+    "dense": (0.858, 0.655, 0.465, 375), "even": (0.855, 0.645, 0.465, 315),
+}  # fmt: skip
 #: Policy -> mean share of the elements that the policy cut by itself.
-CUT_BY_POLICY = {"sparse": 0.95, "medium": 0.94, "dense": 0.95}
+CUT_BY_POLICY = {"sparse": 0.95, "medium": 0.94, "dense": 0.95, "even": 0.95}
 
 
 @cache
