@@ -191,8 +191,9 @@ def test_sizes_inside_are_kept_to_or_refused(tmp_path: Path, capsys: pytest.Capt
         counts.append(int(capsys.readouterr().out.split()[1]))
     assert counts[0] > 1.2 * counts[1]
     line[-1] = "new.obj"
-    assert "env.scale = front and keeps to no size" in refused(capsys, tmp_path, *line, "--max-size", "0.4")
-    assert "give --min-size at most" in refused(capsys, tmp_path, *line, "--max-size", "0.1", "--min-size", "0.2")
+    line += ["--max-size", "0.1"]
+    assert "env.scale = front and keeps to no size" in refused(capsys, tmp_path, *line, "--density", "medium")
+    assert "give --min-size at most" in refused(capsys, tmp_path, *line, "--min-size", "0.2")
 
 
 def test_every_polygon_of_a_file_gets_its_own_mesh(policy: str, capsys: pytest.CaptureFixture[str]) -> None:

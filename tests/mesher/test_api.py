@@ -66,7 +66,7 @@ def test_a_size_that_is_said_inside_is_kept_to() -> None:
         assert near.sum() > 2 * (np.hypot(*(plain.vertices[plain.quads].mean(axis=1) - 0.75).T) < 0.3).sum()
         assert made.areas[near].mean() < 0.5 * made.areas[~near].mean()
     with pytest.raises(PolicyError, match=r"env\.scale = front"):
-        freemesh_ray.mesh(OUTLINE, edge_length=0.25, size=lambda at: 0.1)
+        freemesh_ray.mesh(OUTLINE, edge_length=0.25, density="medium", size=lambda at: 0.1)
 
 
 def test_a_file_is_a_polygon_too() -> None:

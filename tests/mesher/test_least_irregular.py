@@ -10,12 +10,12 @@ import pytest
 from envs.types import Floats
 from freemesh_ray.mesher.api import Mesh, mesh
 from freemesh_ray.meshes.metrics import irregular
-from freemesh_ray.policies.policy import DEFAULT, Policy
+from freemesh_ray.policies.policy import DENSITY, SHIPPED, Policy
 
 
 @cache
-def policy() -> Policy:
-    return Policy.load(DEFAULT)
+def policy(density: str = DENSITY) -> Policy:
+    return Policy.load(SHIPPED[density])
 
 
 def box(columns: int, rows: int) -> Floats:
@@ -38,8 +38,8 @@ def moved(ring: Floats, turn: float, begin: int, scale: float, shift: tuple[floa
     return np.roll(ring, begin, axis=0) @ matrix.T + np.array(shift)
 
 
-def made(ring: Floats) -> tuple[Mesh, dict[str, float]]:
-    result = mesh(ring, policy=policy())
+def made(ring: Floats, density: str = DENSITY) -> tuple[Mesh, dict[str, float]]:
+    result = mesh(ring, policy=policy(density))
     np.testing.assert_array_equal(result.vertices[: len(ring)], ring)
     return result, result.quality()
 
@@ -47,7 +47,7 @@ def made(ring: Floats) -> tuple[Mesh, dict[str, float]]:
 @pytest.mark.parametrize(("turn", "begin", "scale", "shift"), [
     (0.0, 0, 1.0, (0.0, 0.0)), (0.3, 7, 1e-3, (5.0, -2.0)), (2.0, 33, 250.0, (-1e4, 3e3)),
 ])  # fmt: skip
-@pytest.mark.parametrize(("columns", "rows"), [(20, 20), (40, 40), (40, 10), (7, 3), (24, 1)])
+@pytest.mark.parametrize(("columns", "rows"), [(20, 20), (40, 40), (80, 80), (40, 10), (7, 3), (24, 1)])
 def test_boxes_are_grids(
     columns: int, rows: int, turn: float, begin: int, scale: float, shift: tuple[float, float]
 ) -> None:
@@ -57,11 +57,14 @@ def test_boxes_are_grids(
     assert quality["eta_min"] > 0.999
 
 
-@pytest.mark.parametrize(("n", "eta"), [(40, 0.92), (80, 0.96), (200, 0.98)])
-def test_discs_have_few_irregular_nodes(n: int, eta: float) -> None:
-    result, quality = made(disc(n))
+@pytest.mark.parametrize(("density", "n", "most", "eta"), [
+    ("medium", 40, 8, 0.92), ("medium", 80, 8, 0.96), ("medium", 200, 8, 0.98),
+    ("even", 40, 8, 0.90), ("even", 80, 12, 0.92), ("even", 200, 24, 0.95),
+])  # fmt: skip
+def test_discs_have_few_irregular_nodes(density: str, n: int, most: int, eta: float) -> None:
+    result, quality = made(disc(n), density)
     assert quality["singularity_least"] == 4
-    assert len(irregular(result)) <= 8
+    assert len(irregular(result)) <= most
     assert quality["eta"] >= eta
 
 
