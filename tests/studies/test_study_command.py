@@ -49,8 +49,11 @@ def test_from_the_file_to_the_report_and_the_registered_policy(tmp_path: Path) -
     client = mlflow.MlflowClient(store)
     experiment = client.get_experiment_by_name("freemesh")
     runs = {run.info.run_name: run for run in client.search_runs([experiment.experiment_id])}
-    assert set(runs) == {"two-smoke", "SAC-1", "TD3-1"}
+    assert set(runs) == {"two-smoke", "SAC", "TD3", "SAC-1", "TD3-1"}
     parent = runs.pop("two-smoke")
+    for variant in ("SAC", "TD3"):  # what its seeds have in common
+        curve = client.get_metric_history(runs.pop(variant).info.run_id, "iqm/return")
+        assert [point.step for point in curve][-1] >= 2048
     assert any(item.path == "report" for item in client.list_artifacts(parent.info.run_id))
     for name, run in runs.items():
         assert run.info.status == "FINISHED"
