@@ -189,7 +189,7 @@ def test_files_are_those_that_the_package_writes(client: Client, suffix: str, tm
         ({"best_of": 9}, "from 1 to 8"),
         ({"best_of": "9" * 5000}, "from 1 to 8"),
         ({"smooth": "maybe"}, "one of true, false"),
-        ({"density": "thick"}, "dense, medium, sparse"),
+        ({"density": "thick"}, "dense, even, medium, sparse"),
         ({"format": "stl"}, "json, vtu, msh, inp, bdf, obj"),
     ],
 )
