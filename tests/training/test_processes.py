@@ -135,7 +135,8 @@ def test_its_raylet_s_death_is_its_end_and_it_goes_on_from_the_last_checkpoint(p
     assert patient.command.ended(PATIENCE) == 1
     print(f"{time.monotonic() - began:.1f} s")
     (line,) = [each for each in patient.command.output.splitlines() if each.startswith("freemesh: ")]
-    assert "Ray's raylet" in line  # Ray's own code may be faster, and only the guard left to tell
+    # Ray's own code may end the command first, and only the guard be left to tell.
+    assert "Ray's raylet" in line or "this command, or its Ray," in line
     assert line.endswith(" is gone, killed or out of memory: --resume goes on from the last checkpoint")
     assert patient.steps() >= steps
     assert not [*patient.temporary.iterdir()]
