@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from envs.domains import random_domain, random_part, varied_domain
+from envs.domains.endless import EndlessDomains
 from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
 from envs.domains.varied_domain import VariedDomains
@@ -36,10 +37,10 @@ __all__ = [
 ]
 
 #: What episodes can be on.
-Source = Domain | RandomDomains | VariedDomains | UserDomains
+Source = Domain | EndlessDomains | UserDomains
 
 #: The endless supplies that have a name.
-SUPPLIES: tuple[RandomDomains | VariedDomains, ...] = (RandomDomains(), VariedDomains())
+SUPPLIES: tuple[EndlessDomains, ...] = (RandomDomains(), VariedDomains())
 
 #: Where the catalogue's data and drawings lie.
 CATALOGUE = Path(__file__).parent / "catalogue"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from envs.domains.endless import HELD_OUT, HELD_OUT_PREFIX, EndlessDomains
 from envs.domains.outline_families import FAMILIES
 from envs.polygons.domain import from_rings
 from envs.polygons.outline import Spacing, corners, discretise, shares, wave
@@ -35,35 +36,18 @@ LEAST_ANGLE = np.radians(15.0)
 
 OUTER_LEAST, HOLE_LEAST = 12, 6
 
-#: Seeds from here on are kept from training; the first are called ``random-held-out-0``, ``random-held-out-1``, ...
-HELD_OUT = 2**62
-HELD_OUT_PREFIX = "held-out-"
-
 
 @dataclass(frozen=True)
-class RandomDomains:
-    """An endless supply: every draw is a domain that was never seen before.
-
-    Attributes:
-        name: what tasks and curricula call it; the domains drawn are called ``random-SEED``.
-        vertices: most ring vertices of a domain drawn, seams included.
-        elements: most elements a domain drawn may be expected to need.
-    """
+class RandomDomains(EndlessDomains):
+    """An endless supply of domains called ``random-SEED``."""
 
     name: str = "random"
     vertices: int = 256
     elements: int = 16_384
 
-    def draw(self, random: np.random.Generator) -> Domain:
-        """A domain of the seeds below ``HELD_OUT``."""
-        while True:
-            domain = random_domain(int(random.integers(HELD_OUT)))
-            if len(domain.ring) <= self.vertices:
-                return domain
-
-    def held_out(self, count: int) -> list[Domain]:
-        """The first ``count`` domains that are never drawn, to evaluate on."""
-        return [random_domain(HELD_OUT + i) for i in range(count)]
+    def domain(self, seed: int) -> Domain:
+        """See `random_domain`."""
+        return random_domain(seed)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from envs.domains.random_domain import HELD_OUT, HELD_OUT_PREFIX, Wishes, attempt, circle, discretised, roomy, turned
+from envs.domains.endless import HELD_OUT, HELD_OUT_PREFIX, EndlessDomains
+from envs.domains.random_domain import Wishes, attempt, circle, discretised, roomy, turned
 from envs.polygons.domain import from_rings
 from envs.polygons.mesh_size import expected_in_domain
 from envs.polygons.outline import Spacing, even, wave
@@ -34,29 +35,16 @@ FINE = 1440
 
 
 @dataclass(frozen=True)
-class VariedDomains:
-    """An endless supply of them.
-
-    Attributes:
-        name: what tasks and curricula call it; the domains drawn are called ``varied-SEED``.
-        vertices: most ring vertices of a domain drawn, seams included.
-        elements: most elements a domain drawn may be expected to need.
-    """
+class VariedDomains(EndlessDomains):
+    """An endless supply of domains called ``varied-SEED``."""
 
     name: str = "varied"
     vertices: int = 700
     elements: int = 4 * ELEMENTS
 
-    def draw(self, random: np.random.Generator) -> Domain:
-        """A domain of the seeds below ``HELD_OUT``."""
-        while True:
-            domain = varied_domain(int(random.integers(HELD_OUT)))
-            if len(domain.ring) <= self.vertices:
-                return domain
-
-    def held_out(self, count: int) -> list[Domain]:
-        """The first ``count`` domains that are never drawn, to evaluate on."""
-        return [varied_domain(HELD_OUT + i) for i in range(count)]
+    def domain(self, seed: int) -> Domain:
+        """See `varied_domain`."""
+        return varied_domain(seed)
 
 
 def varied_domain(seed: int) -> Domain:

@@ -12,7 +12,7 @@ from envs.mesh import Mesh
 from envs.quality import convex_quality, element_quality
 from freemesh_ray.finish import finish
 from freemesh_ray.finish.cleanup import FLOOR
-from freemesh_ray.finish.finish import no_worse
+from freemesh_ray.finish.finish import better, no_worse
 from freemesh_ray.meshes.metrics import irregular
 
 
@@ -116,3 +116,22 @@ def test_what_is_worse_is_seen() -> None:
     bent[-1] += 1.5
     assert convex_quality(bent, mesh.quads).min() == -1.0
     assert not no_worse(mesh, replace(mesh, vertices=bent))
+
+
+def test_what_refilling_costs_has_to_be_worth_it() -> None:
+    plain, shaken, worse = (grid("square", 3, shake) for shake in (0.0, 0.1, 0.2))
+    assert better(shaken, plain)
+    assert not better(shaken, worse), "no irregular vertex fewer, and poorer elements"
+    flat = replace(plain, vertices=plain.vertices.copy())
+    flat.vertices[-1] += 0.95
+    assert not better(fan(5), flat), "an irregular vertex fewer, and elements that are nearly flat"
+    assert better(fan(5), plain)
+    assert not better(fan(4), fan(3)), "an irregular vertex more, however good the elements"
+
+
+def test_an_irregular_vertex_more_is_never_better() -> None:
+    regular, three = fan(4), fan(3)
+    quality = [convex_quality(mesh.vertices, mesh.quads).mean() for mesh in (regular, three)]
+    squeezed = replace(regular, vertices=regular.vertices * [1.0, 0.2])
+    assert convex_quality(squeezed.vertices, squeezed.quads).mean() < min(quality)
+    assert not better(squeezed, three)

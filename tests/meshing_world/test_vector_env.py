@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from envs.domains.random_domain import HELD_OUT
+from envs.domains.endless import HELD_OUT
 from envs.mesh_env import MeshEnv
 from envs.vector_env import MeshVectorEnv
 
