@@ -1,7 +1,7 @@
 """`bfloat16_layers` on a CPU: each of these is one compiled loop for several small operations.
 
-NumPy has no bfloat16 numbers. Kernels read their 16 bits, the upper half of a float32's, as integers: one is above 0
-where its bits are. Kernels have one axis of a stack, and the last layer's weights with its outputs before its units.
+Kernels read bfloat16 numbers as `bfloat16_bits`. They have one axis of a stack, and the last layer's weights with its
+outputs before its units.
 """
 
 from __future__ import annotations
@@ -9,24 +9,10 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from envs.kernels.compiled import compiled_sums, inlined
+from envs.kernels.compiled import compiled_sums
+from freemesh_ray.algorithms.bfloat16_bits import rounded, widened
 
 _ZERO, _NOTHING = np.float32(0.0), np.int16(0)
-_UPPER, _ONE, _BELOW_HALF, _QUIET = np.int32(16), np.int32(1), np.int32(0x7FFF), np.int16(0x7FC0)
-
-
-@inlined
-def _widened(bits: np.int16) -> np.float32:
-    """A bfloat16 number as float32."""
-    return np.int32(np.int32(bits) << _UPPER).view(np.float32)
-
-
-@inlined
-def _rounded(value: np.float32) -> np.int16:
-    """The nearest bfloat16 number, of two the even one; what is no number stays none."""
-    bits = np.float32(value).view(np.int32)
-    nearest = np.int16(np.int32(bits + _BELOW_HALF + np.int32(np.int32(bits >> _UPPER) & _ONE)) >> _UPPER)
-    return nearest if value == value else _QUIET
 
 
 @compiled_sums
@@ -37,7 +23,7 @@ def _last(x: np.ndarray, weight: np.ndarray, bias: np.ndarray, found: np.ndarray
             for o in range(weight.shape[1]):
                 total = _ZERO
                 for k in range(x.shape[2]):
-                    total += _widened(x[n, i, k]) * weight[n, o, k]
+                    total += widened(x[n, i, k]) * weight[n, o, k]
                 found[n, i, o] = total + bias[n, o]
 
 
@@ -51,7 +37,7 @@ def _last_gradients(x: np.ndarray, gradient: np.ndarray, d_weight: np.ndarray, d
                 factor = gradient[n, i, o]
                 d_bias[n, o] += factor
                 for k in range(x.shape[2]):
-                    d_weight[n, o, k] += factor * _widened(x[n, i, k])
+                    d_weight[n, o, k] += factor * widened(x[n, i, k])
 
 
 @compiled_sums
@@ -68,9 +54,9 @@ def _before_last(
                 for k in range(x.shape[2]):
                     row[k] += gradient[n, i, o] * weight[n, o, k]
             for k in range(x.shape[2]):
-                kept = _rounded(row[k]) if x[n, i, k] > 0 else _NOTHING
+                kept = rounded(row[k]) if x[n, i, k] > 0 else _NOTHING
                 passed[n, i, k] = kept
-                sums[n, k] += _widened(kept)
+                sums[n, k] += widened(kept)
 
 
 @compiled_sums
@@ -82,7 +68,7 @@ def _masked(gradient: np.ndarray, output: np.ndarray, sums: np.ndarray) -> None:
             for k in range(output.shape[2]):
                 kept = gradient[n, i, k] if output[n, i, k] > 0 else _NOTHING
                 gradient[n, i, k] = kept
-                sums[n, k] += _widened(kept)
+                sums[n, k] += widened(kept)
 
 
 def _bits(x: torch.Tensor) -> np.ndarray:

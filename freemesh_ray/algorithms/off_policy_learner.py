@@ -22,6 +22,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.core.columns import Columns
 
 from freemesh_ray.algorithms.adam import LeanAdam
+from freemesh_ray.algorithms import tiles
 from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
 from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp, wanted
@@ -29,9 +30,10 @@ from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 from freemesh_ray.algorithms.networks import Mlp, on_cpu
 from freemesh_ray.algorithms.onednn import OneDnnMlp
 from freemesh_ray.algorithms.onednn import available as onednn_available
+from freemesh_ray.algorithms.tile_mlp import TileMlp
 
 #: A network as a written-out step evaluates it.
-Evaluated = Mlp | OneDnnMlp | Bfloat16Mlp
+Evaluated = Mlp | OneDnnMlp | Bfloat16Mlp | TileMlp
 #: What tells each figure of a step.
 Figures = dict[str, Callable[[], torch.Tensor]]
 #: Column of a batch: ``Transitions.steps``.
@@ -137,9 +139,10 @@ class OffPolicyLearner(ConfiguredLearner):
         return self._evaluated[module_id]
 
     def _as_evaluated(self, network: Mlp) -> Evaluated:
+        here = on_cpu(network.weights[0])
         if self._rounds:
-            return Bfloat16Mlp(network)
-        return OneDnnMlp(network) if on_cpu(network.weights[0]) and onednn_available() else network
+            return TileMlp(network) if here and tiles.available() else Bfloat16Mlp(network)
+        return OneDnnMlp(network) if here and onednn_available() else network
 
     def configure_optimizers_for_module(self, module_id: str, config: AlgorithmConfig | None = None) -> None:
         """One fused Adam for each of ``optimised``."""

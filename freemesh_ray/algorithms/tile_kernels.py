@@ -1,0 +1,377 @@
+"""A network's passes in a processor's tiles, each in one kernel; with no tiles between them, the hidden layers' ReLUs.
+
+bfloat16 numbers are as in `bfloat16_bits`. Rows, and the widths of the input and the hidden layers, are padded to
+multiples of `BLOCK` with zeros. Arrays are contiguous:
+
+    widths      (layers + 1,) int64: padded, of the input and of every hidden layer
+    values      (count, rows, sum of widths) int16: of each network of a stack what its layers take, side by side
+    weights     (...,) int32: of each hidden layer and each network (inputs / 2, outputs) pairs of rows, number by number
+                in turn (`pack`)
+    turned      (...,) int32: the same of the transposed matrices (`pack_transposed`)
+    last        (count, outputs, units) float32: the last layer's weights, transposed
+    room        float32: room for BLOCK rows of a product, and for the last layer's weights
+    row         float32: room for one row
+    shape       `tiles.SHAPE`
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from envs.kernels.compiled import compiled_sums, inlined
+from freemesh_ray.algorithms import tiles
+from freemesh_ray.algorithms.bfloat16_bits import paired, rounded, widened
+
+#: Rows and columns of the part of a product that is in the tiles at once: two times two tiles.
+BLOCK = 32
+_TILE = 16
+_ZERO, _NOTHING, _UPPER = np.float32(0.0), np.int16(0), np.int32(16)
+
+
+@inlined
+def _clear() -> None:
+    """Make the block in the tiles 0."""
+    tiles.zero(0)
+    tiles.zero(1)
+    tiles.zero(2)
+    tiles.zero(3)
+
+
+@inlined
+def _add_product(
+    a: np.ndarray, a_first: int, a_stride: int, b: np.ndarray, b_first: int, b_stride: int, depth: int
+) -> None:
+    """Add to the block in the tiles BLOCK rows of a times BLOCK columns of b, which holds pairs of rows."""
+    for k in range(0, depth, BLOCK):
+        at_a, at_b = a_first + k, b_first + k // 2 * b_stride
+        tiles.load(4, a, at_a, a_stride)
+        tiles.load(5, a, at_a + _TILE * a_stride, a_stride)
+        tiles.load(6, b, at_b, b_stride)
+        tiles.load(7, b, at_b + _TILE, b_stride)
+        tiles.add_product(0, 4, 6)
+        tiles.add_product(1, 4, 7)
+        tiles.add_product(2, 5, 6)
+        tiles.add_product(3, 5, 7)
+
+
+@inlined
+def _take(found: np.ndarray, first: int, stride: int) -> None:
+    """Write the block in the tiles into an array."""
+    tiles.store(0, found, first, stride)
+    tiles.store(1, found, first + _TILE, stride)
+    tiles.store(2, found, first + _TILE * stride, stride)
+    tiles.store(3, found, first + _TILE * stride + _TILE, stride)
+
+
+@inlined
+def _transpose(matrix: np.ndarray, rows: int, found: np.ndarray) -> None:
+    """The first ``rows`` rows of a matrix of pairs become the columns of another."""
+    whole = rows - rows % _TILE
+    for i in range(0, whole, _TILE):
+        for k in range(matrix.shape[1]):
+            for j in range(_TILE):  # as many steps as are known beforehand are taken at once
+                found[k, i + j] = matrix[i + j, k]
+    for i in range(whole, rows):
+        for k in range(matrix.shape[1]):
+            found[k, i] = matrix[i, k]
+
+
+@compiled_sums
+def pack(weight: np.ndarray, packed: np.ndarray) -> None:
+    """A layer's (count, inputs, units) float32 -> (count, padded inputs / 2, padded units); padding stays."""
+    count, inputs, units = weight.shape
+    for n in range(count):
+        for i in range(inputs // 2):
+            for u in range(units):
+                packed[n, i, u] = paired(rounded(weight[n, 2 * i, u]), rounded(weight[n, 2 * i + 1, u]))
+        if inputs % 2:
+            for u in range(units):
+                packed[n, inputs // 2, u] = paired(rounded(weight[n, inputs - 1, u]), _NOTHING)
+
+
+@compiled_sums
+def pack_transposed(weight: np.ndarray, room: np.ndarray, packed: np.ndarray) -> None:
+    """The same -> (count, padded units / 2, padded inputs). ``room`` is (inputs, units / 2, rounded up) int32."""
+    count, inputs, units = weight.shape
+    for n in range(count):
+        for i in range(inputs):
+            for u in range(units // 2):
+                room[i, u] = paired(rounded(weight[n, i, 2 * u]), rounded(weight[n, i, 2 * u + 1]))
+            if units % 2:
+                room[i, units // 2] = paired(rounded(weight[n, i, units - 1]), _NOTHING)
+        _transpose(room, inputs, packed[n])
+
+
+@compiled_sums
+def forward(
+    x: np.ndarray,
+    widths: np.ndarray,
+    weights: np.ndarray,
+    biases: np.ndarray,
+    last: np.ndarray,
+    last_bias: np.ndarray,
+    values: np.ndarray,
+    output: np.ndarray,
+    room: np.ndarray,
+    row: np.ndarray,
+    shape: np.ndarray,
+) -> None:
+    """Fill ``values`` and ``output`` from what all networks take.
+
+    Args:
+        x: (rows without padding, inputs) float32.
+        biases: (count, sum of the hidden layers' widths) float32.
+        last_bias: (count, outputs) float32.
+        output: (count, rows without padding, outputs) float32.
+        widths, weights, last, values, room, row, shape: see above.
+    """
+    count, rows, stride = values.shape
+    tiles.begin(shape)
+    for n in range(count):
+        for i in range(rows):
+            for k in range(widths[0]):
+                values[n, i, k] = _NOTHING
+        for i in range(x.shape[0]):
+            for k in range(x.shape[1]):
+                values[n, i, k] = rounded(x[i, k])
+    at_weights, at_bias, at = 0, 0, 0
+    for layer in range(len(widths) - 1):
+        inputs, units = widths[layer], widths[layer + 1]
+        for n in range(count):
+            bias = biases[n, at_bias : at_bias + units]
+            for r in range(0, rows, BLOCK):
+                for u in range(0, units, BLOCK):
+                    _clear()
+                    at_values = (n * rows + r) * stride + at
+                    _add_product(values, at_values, stride, weights, at_weights + u, units, inputs)
+                    _take(room, u, units)
+                for i in range(BLOCK):
+                    found = values[n, r + i, at + inputs : at + inputs + units]
+                    given = room[i * units : (i + 1) * units]
+                    for j in range(units):
+                        bits = rounded(given[j] + bias[j])
+                        found[j] = bits if bits > 0 else _NOTHING
+            at_weights += inputs // 2 * units
+        at, at_bias = at + inputs, at_bias + units
+    tiles.end()
+    for n in range(count):
+        for i in range(output.shape[1]):
+            value = values[n, i, at : at + last.shape[2]]
+            for k in range(last.shape[2]):
+                row[k] = widened(value[k])
+            for o in range(output.shape[2]):
+                total = _ZERO
+                for k in range(last.shape[2]):
+                    total += row[k] * last[n, o, k]
+                output[n, i, o] = total + last_bias[n, o]
+
+
+@inlined
+def _before_last(
+    values: np.ndarray, n: int, at: int, gradient: np.ndarray, last: np.ndarray, passed: np.ndarray, row: np.ndarray
+) -> None:
+    """Fill ``passed``, (rows, units) int16: the gradient of what the last hidden layer of network n gives before its
+    ReLU. ``at`` is where its values begin.
+    """
+    rows, units = passed.shape
+    for i in range(gradient.shape[1]):
+        for k in range(units):
+            row[k] = gradient[n, i, 0] * last[n, 0, k]
+        for o in range(1, gradient.shape[2]):
+            for k in range(units):
+                row[k] += gradient[n, i, o] * last[n, o, k]
+        value = values[n, i, at : at + units]
+        for k in range(units):
+            passed[i, k] = rounded(row[k]) if value[k] > 0 else _NOTHING
+    for i in range(gradient.shape[1], rows):
+        for k in range(units):
+            passed[i, k] = _NOTHING
+
+
+@inlined
+def _before(
+    passed: np.ndarray,
+    turned: np.ndarray,
+    at_turned: int,
+    values: np.ndarray,
+    n: int,
+    at: int,
+    before: np.ndarray,
+    room: np.ndarray,
+) -> None:
+    """Fill ``before`` with the gradient of the hidden layer before, whose values begin at ``at``."""
+    (rows, units), inputs = before.shape, passed.shape[1]
+    for r in range(0, rows, BLOCK):
+        for u in range(0, units, BLOCK):
+            _clear()
+            _add_product(passed, r * inputs, inputs, turned, at_turned + u, units, inputs)
+            _take(room, u, units)
+        for i in range(BLOCK):
+            given, value, found = room[i * units : (i + 1) * units], values[n, r + i, at : at + units], before[r + i]
+            for j in range(units):
+                found[j] = rounded(given[j]) if value[j] > 0 else _NOTHING
+
+
+@inlined
+def _add_rows(matrix: np.ndarray, found: np.ndarray) -> None:
+    """Fill ``found`` with the sums of a matrix' columns, as many as it has room for."""
+    found[:] = _ZERO
+    for i in range(matrix.shape[0]):
+        for j in range(len(found)):
+            found[j] += widened(matrix[i, j])
+
+
+@compiled_sums
+def backward(
+    values: np.ndarray,
+    pairs: np.ndarray,
+    sizes: np.ndarray,
+    widths: np.ndarray,
+    turned: np.ndarray,
+    last: np.ndarray,
+    gradient: np.ndarray,
+    found: np.ndarray,
+    passed: np.ndarray,
+    transposed: np.ndarray,
+    columns: np.ndarray,
+    rows_in_pairs: np.ndarray,
+    room: np.ndarray,
+    row: np.ndarray,
+    shape: np.ndarray,
+) -> None:
+    """Fill ``found`` with the gradients of all weights and then of all biases.
+
+    Args:
+        pairs: ``values`` with each two numbers of a row as one int32.
+        sizes: (layers + 2,) int64, of the input, every hidden layer and the output, without padding.
+        gradient: (count, rows without padding, outputs) float32, of the output.
+        found: float32, one parameter after another, each as the network has it.
+        passed: (2, rows times units) int16, room.
+        transposed, columns, rows_in_pairs: int32, int16 and int32, of rows times units, room.
+        values, widths, turned, last, room, row, shape: see above.
+    """
+    count, rows, _ = values.shape
+    layers = len(widths) - 1
+    outputs = sizes[layers + 1]
+    tiles.begin(shape)
+    for n in range(count):
+        # Where the values of the last hidden layer begin, its transposed weights, and the gradients of the last layer
+        at, at_turned, at_weight, at_bias = 0, 0, 0, 0
+        for layer in range(layers):
+            at += widths[layer]
+            at_turned += count * (widths[layer] * widths[layer + 1] // 2)
+            at_weight += count * sizes[layer] * sizes[layer + 1]
+        units = widths[layers]
+        at_bias = at_weight + count * sizes[layers] * outputs
+        for layer in range(1, layers + 1):
+            at_bias += count * sizes[layer]
+
+        first = at_bias + n * outputs
+        d_bias = found[first : first + outputs]
+        d_bias[:] = _ZERO
+        first = at_weight + n * sizes[layers] * outputs
+        d_weight = found[first : first + sizes[layers] * outputs].reshape(sizes[layers], outputs)
+        d_last = room[: outputs * units].reshape(outputs, units)
+        d_last[:] = _ZERO
+        for i in range(gradient.shape[1]):
+            value = values[n, i, at : at + units]
+            for o in range(outputs):
+                factor = gradient[n, i, o]
+                d_bias[o] += factor
+                for k in range(units):
+                    d_last[o, k] += factor * widened(value[k])
+        for k in range(sizes[layers]):
+            for o in range(outputs):
+                d_weight[k, o] = d_last[o, k]
+
+        own = passed[0, : rows * units].reshape(rows, units)
+        _before_last(values, n, at, gradient, last, own, row)
+        for layer in range(layers - 1, -1, -1):
+            inputs, units = widths[layer], widths[layer + 1]
+            at -= inputs
+            at_turned -= count * (inputs * units // 2)
+            at_weight -= count * sizes[layer] * sizes[layer + 1]
+            at_bias -= count * sizes[layer + 1]
+            first = at_bias + n * sizes[layer + 1]
+            _add_rows(own, found[first : first + sizes[layer + 1]])
+
+            # x^T g
+            turn = transposed[: rows * inputs // 2].reshape(inputs // 2, rows)
+            _transpose(pairs[n, :, at // 2 : (at + inputs) // 2], rows, turn)
+            for k in range(inputs // 2):
+                even = columns[2 * k * rows : (2 * k + 1) * rows]
+                odd = columns[(2 * k + 1) * rows : (2 * k + 2) * rows]
+                for r in range(rows):
+                    even[r] = np.int16(turn[k, r])
+                for r in range(rows):
+                    odd[r] = np.int16(turn[k, r] >> _UPPER)
+            for r in range(rows // 2):
+                both = rows_in_pairs[r * units : (r + 1) * units]
+                for u in range(units):
+                    both[u] = paired(own[2 * r, u], own[2 * r + 1, u])
+            first = at_weight + n * sizes[layer] * sizes[layer + 1]
+            d_weight = found[first : first + sizes[layer] * sizes[layer + 1]].reshape(sizes[layer], sizes[layer + 1])
+            for k in range(0, inputs, BLOCK):
+                for u in range(0, units, BLOCK):
+                    _clear()
+                    _add_product(columns, k * rows, rows, rows_in_pairs, u, units, rows)
+                    _take(room, u, units)
+                for i in range(min(BLOCK, sizes[layer] - k)):
+                    given, d_row = room[i * units : (i + 1) * units], d_weight[k + i]
+                    for j in range(len(d_row)):
+                        d_row[j] = given[j]
+
+            if layer:
+                other = passed[(layers - layer) % 2, : rows * inputs].reshape(rows, inputs)
+                _before(own, turned, at_turned + n * (inputs * units // 2), values, n, at, other, room)
+                own = other
+    tiles.end()
+
+
+@compiled_sums
+def backward_to_input(
+    values: np.ndarray,
+    widths: np.ndarray,
+    turned: np.ndarray,
+    last: np.ndarray,
+    gradient: np.ndarray,
+    found: np.ndarray,
+    passed: np.ndarray,
+    room: np.ndarray,
+    row: np.ndarray,
+    shape: np.ndarray,
+) -> None:
+    """Fill ``found``, (rows, width of the input) float32, with the input's gradient, of all networks together.
+
+    The rest as in ``backward``.
+    """
+    count, rows, _ = values.shape
+    layers = len(widths) - 1
+    found[:] = _ZERO
+    tiles.begin(shape)
+    for n in range(count):
+        at, at_turned = 0, 0
+        for layer in range(layers):
+            at += widths[layer]
+            at_turned += count * (widths[layer] * widths[layer + 1] // 2)
+        own = passed[0, : rows * widths[layers]].reshape(rows, widths[layers])
+        _before_last(values, n, at, gradient, last, own, row)
+        for layer in range(layers - 1, -1, -1):
+            inputs, units = widths[layer], widths[layer + 1]
+            at -= inputs
+            at_turned -= count * (inputs * units // 2)
+            if layer:
+                other = passed[(layers - layer) % 2, : rows * inputs].reshape(rows, inputs)
+                _before(own, turned, at_turned + n * (inputs * units // 2), values, n, at, other, room)
+                own = other
+            else:
+                for r in range(0, rows, BLOCK):
+                    for u in range(0, inputs, BLOCK):
+                        _clear()
+                        _add_product(own, r * units, units, turned, n * (inputs * units // 2) + u, inputs, units)
+                        _take(room, u, inputs)
+                    for i in range(BLOCK):
+                        given, sums = room[i * inputs : (i + 1) * inputs], found[r + i]
+                        for j in range(inputs):
+                            sums[j] += given[j]
+    tiles.end()
