@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,6 +10,46 @@ import torch
 
 from freemesh_ray.algorithms import compiled_adam
 from freemesh_ray.algorithms.networks import on_cpu
+
+
+class Moments:
+    """The averages of gradients and of their squares.
+
+    Args:
+        averages, squares, steps: of each parameter, as torch keeps them.
+
+    Attributes:
+        average, square: of all parameters, one after another.
+        averages, squares: their parts.
+        counter: of the steps taken, one for all.
+        steps: the same, as an integer.
+    """
+
+    def __init__(
+        self, averages: Sequence[torch.Tensor], squares: Sequence[torch.Tensor], steps: Sequence[torch.Tensor]
+    ) -> None:
+        self.average, self.averages = _joined(averages)
+        self.square, self.squares = _joined(squares)
+        self.counter = steps[0].clone()
+        self.steps = int(self.counter)
+
+    def advance(self, steps: int) -> None:
+        """Count steps that were taken elsewhere."""
+        self.steps += steps
+        self.counter.add_(float(steps))
+
+
+def _joined(tensors: Sequence[torch.Tensor]) -> tuple[torch.Tensor, list[torch.Tensor]]:
+    """The numbers of tensors one after another, and tensors that are parts of that."""
+    whole = torch.cat([tensor.reshape(-1) for tensor in tensors])
+    parts = whole.split([tensor.numel() for tensor in tensors])
+    return whole, [part.view(tensor.shape) for part, tensor in zip(parts, tensors, strict=True)]
+
+
+def flat(tensor: torch.Tensor) -> np.ndarray:
+    """The numbers of a contiguous tensor on the CPU in a row, in its own memory."""
+    array: np.ndarray = tensor.detach().contiguous().numpy().reshape(-1)
+    return array
 
 
 class LeanAdam(torch.optim.Adam):
@@ -22,62 +61,56 @@ class LeanAdam(torch.optim.Adam):
     def __init__(
         self, parameters: Sequence[torch.Tensor], lr: float, betas: tuple[float, float] = (0.9, 0.999)
     ) -> None:
-        self._tensors: tuple[list[torch.Tensor], ...] | None = None
-        #: Parameters and averages as the compiled loop reads them; empty where it cannot.
-        self._flat: list[tuple[np.ndarray, ...]] = []
-        self._taken = 0
+        self._moments: Moments | None = None
         super().__init__(list(parameters), lr=lr, betas=betas, fused=True)
 
     def load_state_dict(self, state_dict: Any) -> None:
         """Take over a state."""
         super().load_state_dict(state_dict)
-        self._tensors = None
+        self._moments = None
 
-    def _remembered(self) -> tuple[list[torch.Tensor], ...]:
-        """The averages of gradients and of squares, and the counter of steps, by parameter."""
-        parameters = self.param_groups[0]["params"]
-        for parameter in parameters:
-            if not self.state[parameter]:
-                self.state[parameter] |= {
-                    "step": torch.zeros((), device=parameter.device),
-                    "exp_avg": torch.zeros_like(parameter),
-                    "exp_avg_sq": torch.zeros_like(parameter),
-                }
-        states = [self.state[parameter] for parameter in parameters]
-        counter = states[0]["step"].clone()
-        for state in states:
-            state["step"] = counter  # one counter for all
-        averages, squares = ([state[key] for state in states] for key in ("exp_avg", "exp_avg_sq"))
-        self._taken = int(counter)
-        here = all(on_cpu(tensor) and tensor.is_contiguous() for tensor in (*parameters, *averages, *squares))
-        rows = zip(parameters, averages, squares, strict=True)
-        self._flat = [tuple(map(_flat, row)) for row in rows] if here else []
-        return averages, squares, [counter] * len(states)
+    @property
+    def moments(self) -> Moments:
+        """What the steps so far have left; it may be changed."""
+        if self._moments is None:
+            parameters = self.param_groups[0]["params"]
+            for parameter in parameters:
+                if not self.state[parameter]:
+                    self.state[parameter] |= {
+                        "step": torch.zeros((), device=parameter.device),
+                        "exp_avg": torch.zeros_like(parameter),
+                        "exp_avg_sq": torch.zeros_like(parameter),
+                    }
+            states = [self.state[parameter] for parameter in parameters]
+            moments = Moments(*([state[key] for state in states] for key in ("exp_avg", "exp_avg_sq", "step")))
+            for state, average, square in zip(states, moments.averages, moments.squares, strict=True):
+                state |= {"exp_avg": average, "exp_avg_sq": square, "step": moments.counter}
+            self._moments = moments
+        return self._moments
 
     @torch.no_grad()
     def descend(self, gradients: list[torch.Tensor] | tuple[torch.Tensor, ...]) -> None:
         """Make a step along gradients, one for each parameter."""
-        group = self.param_groups[0]
-        if self._tensors is None:
-            self._tensors = self._remembered()
-        averages, squares, steps = self._tensors
-        steps[0].add_(1.0)
-        self._taken += 1
-        if self._flat:
-            beta1, beta2 = group["betas"]
-            rate = np.float32(group["lr"] / (1.0 - beta1**self._taken))
-            root = np.float32(math.sqrt(1.0 - beta2**self._taken))
-            constants = rate, np.float32(beta1), np.float32(beta2), root, np.float32(group["eps"])
-            for (parameter, average, square), gradient in zip(self._flat, gradients, strict=True):
-                compiled_adam.descend(parameter, _flat(gradient), average, square, *constants)
+        group, moments = self.param_groups[0], self.moments
+        moments.counter.add_(1.0)
+        moments.steps += 1
+        if all(map(on_cpu, group["params"])):
+            first = 0
+            for parameter, gradient in zip(group["params"], gradients, strict=True):
+                end = first + parameter.numel()
+                compiled_adam.descend(
+                    flat(parameter), flat(gradient), flat(moments.average)[first:end], flat(moments.square)[first:end],
+                    moments.steps, group["lr"], *group["betas"], group["eps"],
+                )  # fmt: skip
+                first = end
             return
         torch._fused_adam_(
             group["params"],
             gradients,
-            averages,
-            squares,
+            moments.averages,
+            moments.squares,
             [],
-            steps,
+            [moments.counter] * len(gradients),
             lr=group["lr"],
             beta1=group["betas"][0],
             beta2=group["betas"][1],
@@ -90,9 +123,3 @@ class LeanAdam(torch.optim.Adam):
     def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
         """Make a step along the parameters' ``grad``."""
         self.descend([parameter.grad for parameter in self.param_groups[0]["params"]])
-
-
-def _flat(tensor: torch.Tensor) -> np.ndarray:
-    """The numbers of a tensor one after another; of a contiguous one in its own memory."""
-    array: np.ndarray = tensor.detach().numpy().reshape(-1)
-    return array

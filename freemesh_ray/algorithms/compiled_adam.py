@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from envs.kernels.compiled import compiled_sums
@@ -9,26 +11,28 @@ from envs.kernels.compiled import compiled_sums
 
 @compiled_sums
 def descend(
-    parameter: np.ndarray,
+    parameters: np.ndarray,
     gradient: np.ndarray,
     average: np.ndarray,
     square: np.ndarray,
-    rate: np.float32,
-    beta1: np.float32,
-    beta2: np.float32,
-    root: np.float32,
-    eps: np.float32,
+    steps: int,
+    rate: float,
+    beta1: float,
+    beta2: float,
+    eps: float,
 ) -> None:
-    """Change a parameter and the averages of its gradient and of its square; all (length,) float32.
+    """Change parameters and the averages of their gradient and of its square; all (length,) float32.
 
     Args:
-        rate: the learning rate over 1 - beta1^t, t the steps taken, this one included.
-        root: of 1 - beta2^t.
-        beta1, beta2, eps: of Adam.
+        steps: taken, this one included.
+        rate, beta1, beta2, eps: of Adam.
     """
-    one = np.float32(1.0)
-    for i in range(len(parameter)):
+    step = np.float32(rate / (1.0 - beta1**steps))
+    root = np.float32(math.sqrt(1.0 - beta2**steps))
+    share1, share2, kept, small = np.float32(1.0 - beta1), np.float32(1.0 - beta2), np.float32(beta2), np.float32(eps)
+    for i in range(len(parameters)):
         g = gradient[i]
-        average[i] += (one - beta1) * (g - average[i])
-        square[i] = beta2 * square[i] + (one - beta2) * g * g
-        parameter[i] -= rate * average[i] / (np.sqrt(square[i]) / root + eps)
+        mean = average[i] + share1 * (g - average[i])
+        squares = kept * square[i] + share2 * g * g
+        average[i], square[i] = mean, squares
+        parameters[i] -= step * mean / (np.sqrt(squares) / root + small)

@@ -51,7 +51,7 @@ def _log_of_1_and(y: np.float32) -> np.float32:
 
 
 @compiled
-def _sample(
+def sample_rows(
     outputs: np.ndarray, noise: np.ndarray, log_std: np.ndarray, actions: np.ndarray, log_pi: np.ndarray
 ) -> None:
     """Fill ``actions`` and ``log_pi``; with x = e^(-2 |u|) - 1 is tanh |u| = -x / (2 + x).
@@ -81,7 +81,7 @@ def _sample(
 
 
 @compiled
-def _backward(
+def backward_rows(
     outputs: np.ndarray,
     noise: np.ndarray,
     actions: np.ndarray,
@@ -104,7 +104,7 @@ def sample(outputs: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, to
     """As ``squashed_gaussian.sample``: (rows, 2 d) and (rows, d) float32 -> (rows, d) and (rows,)."""
     actions, log_pi = torch.empty_like(noise), torch.empty(len(noise))
     room = np.empty(noise.numel(), np.float32)
-    _sample(outputs.contiguous().numpy(), noise.numpy(), room, actions.numpy().reshape(-1), log_pi.numpy())
+    sample_rows(outputs.contiguous().numpy(), noise.numpy(), room, actions.numpy().reshape(-1), log_pi.numpy())
     return actions, log_pi
 
 
@@ -119,5 +119,5 @@ def backward(
     found = torch.empty(len(noise), 2 * noise.shape[1])
     outputs, d_action = outputs.contiguous(), d_action.contiguous()
     rows = outputs.numpy(), noise.numpy(), action.numpy(), d_action.numpy()
-    _backward(*rows, np.float32(d_log_pi.item()), found.numpy())
+    backward_rows(*rows, np.float32(d_log_pi.item()), found.numpy())
     return found

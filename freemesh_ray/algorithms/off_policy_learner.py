@@ -201,14 +201,10 @@ class OffPolicyLearner(ConfiguredLearner):
             names = (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS)
             rows = self._seen(module_id, rows)
             discounts = config.gamma ** rows[STEPS] * (1.0 - rows[Columns.TERMINATEDS])
-            columns = [aligned(column).split(size) for column in (*(rows[name] for name in names), discounts)]
-            columns.append(self._drawn(len(columns[0]), (self.draws(config), *columns[1][0].shape)))
-            figures: Figures = {}
-            # With layer normalisation by automatic differentiation: no step is written out for it.
-            step = partial(OffPolicyLearner._step, self) if config.layer_norm else self._step
-            for minibatch in map(Minibatch, *columns):
-                self._steps += 1
-                figures |= step(module_id, config, minibatch)
+            columns = [aligned(column) for column in (*(rows[name] for name in names), discounts)]
+            count = len(discounts) // size
+            noise = self._drawn(count, (self.draws(config), size, columns[1].shape[1]))
+            figures = self._descend_all(module_id, config, Minibatch(*columns, noise), size)
             means = [figure().mean() for figure in figures.values()]
             norms = torch.stack(torch._foreach_norm(list(self._module[module_id].parameters()))).sum()
             *told, norms = torch.stack([*means, norms.to(means[0].dtype)]).tolist()
@@ -218,6 +214,24 @@ class OffPolicyLearner(ConfiguredLearner):
             self.metrics.log_dict(values, key=module_id, window=1)
             losses[module_id] = torch.tensor(sum(values[name] for name in values if name.endswith("_loss")))
         return {}, losses, {}
+
+    def _descend_all(self, module_id: str, config: Any, rows: Minibatch, size: int) -> Figures:
+        """A step on each of several minibatches; what tells the figures, as of ``_step``.
+
+        Args:
+            module_id: what is updated.
+            config: its settings.
+            rows: all of them, one after another; the noise has an axis in front.
+            size: rows of one.
+        """
+        # With layer normalisation by automatic differentiation: no step is written out for it.
+        step = partial(OffPolicyLearner._step, self) if config.layer_norm else self._step
+        figures: Figures = {}
+        columns = (column.split(size) for column in rows[:-1])
+        for minibatch in map(Minibatch, *columns, rows.noise):
+            self._steps += 1
+            figures |= step(module_id, config, minibatch)
+        return figures
 
     def _seen(self, module_id: str, rows: Any) -> dict[str, torch.Tensor]:
         """The columns with observations as the networks see them, after the normaliser has seen these."""

@@ -6,6 +6,7 @@ A step is what Haarnoja et al. (2018b) and Stable-Baselines3 do, in their order:
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import torch
@@ -14,6 +15,9 @@ from freemesh_ray.algorithms import compiled_gaussian, squashed_gaussian
 from freemesh_ray.algorithms.networks import on_cpu
 from freemesh_ray.algorithms.off_policy_learner import Figures, Minibatch, OffPolicyLearner
 from freemesh_ray.algorithms.sac_module import SACModule
+from freemesh_ray.algorithms.tile_kernels import BLOCK
+from freemesh_ray.algorithms.tile_mlp import TileMlp
+from freemesh_ray.algorithms.tile_sac import TileSac
 
 
 class SACLearner(OffPolicyLearner):
@@ -42,6 +46,26 @@ class SACLearner(OffPolicyLearner):
 
         if turn:
             yield "actor", (alpha * log_pi - module.q(obs, new_actions).amin(dim=0)).mean()
+
+    def _descend_all(self, module_id: str, config: Any, rows: Minibatch, size: int) -> Figures:
+        """Compiled where the networks are in a processor's tiles."""
+        networks = self._networks(module_id)
+        in_tiles = all(isinstance(network, TileMlp) for network in networks.values())
+        is_own = getattr(self._step, "__func__", None) is SACLearner._step
+        if not (in_tiles and is_own) or config.layer_norm or self.distributed or size % BLOCK:
+            return super()._descend_all(module_id, config, rows, size)
+        if module_id not in self._compiled:
+            optimizers = {name: self._named_optimizers[f"{module_id}_{name}"] for name in ("actor", "critic", "alpha")}
+            self._compiled[module_id] = TileSac(networks, optimizers, self._module[module_id].log_alpha, size)
+        entropy = -float(rows.actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
+        told = self._compiled[module_id].steps(rows, self._steps + 1, config, entropy)
+        self._steps += len(rows.rewards) // size
+        return {name: partial(torch.tensor, value) for name, value in told.items()}
+
+    def build(self) -> None:
+        """OffPolicyLearner's."""
+        self._compiled: dict[str, TileSac] = {}
+        super().build()
 
     def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> Figures:
         """The same with its gradients written out."""

@@ -1,20 +1,17 @@
-"""A network's passes in a processor's tiles, each in one kernel; with no tiles between them, the hidden layers' ReLUs.
+"""A network's passes in a processor's tiles, each one kernel.
 
 bfloat16 numbers are as in `bfloat16_bits`. Rows, and the widths of the input and the hidden layers, are padded to
-multiples of `BLOCK` with zeros. Arrays are contiguous:
+multiples of `BLOCK` with zeros. Arrays are contiguous. Those that all kernels know:
 
-    widths      (layers + 1,) int64: padded, of the input and of every hidden layer
     values      (count, rows, sum of widths) int16: of each network of a stack what its layers take, side by side
-    weights     (...,) int32: of each hidden layer and each network (inputs / 2, outputs) pairs of rows, number by number
-                in turn (`pack`)
-    turned      (...,) int32: the same of the transposed matrices (`pack_transposed`)
-    last        (count, outputs, units) float32: the last layer's weights, transposed
     room        float32: room for BLOCK rows of a product, and for the last layer's weights
     row         float32: room for one row
     shape       `tiles.SHAPE`
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +23,48 @@ from freemesh_ray.algorithms.bfloat16_bits import paired, rounded, widened
 BLOCK = 32
 _TILE = 16
 _ZERO, _NOTHING, _UPPER = np.float32(0.0), np.int16(0), np.int32(16)
+
+
+class Network(NamedTuple):
+    """The weights of a network, or of a stack of some, as kernels read them.
+
+    Attributes:
+        sizes: (layers + 2,) int64, of the input, every hidden layer and the output.
+        widths: (layers + 1,) int64, of the input and every hidden layer, padded.
+        parameters: float32, all weights and then all biases as ``Mlp.parameters`` has them, one after another; the
+            others are made of these by ``read``.
+        packed: int32, of each hidden layer and each network (inputs / 2, units) pairs of rows, number by number in turn.
+        transposed: the same of the transposed matrices, which gradients are multiplied by; empty where none are.
+        biases: (count, sum of the hidden layers' widths) float32.
+        last: (count, outputs, width of the last hidden layer) float32, the last layer's weights, transposed.
+        last_bias: (count, outputs) float32.
+        pairs: int32, room for one layer's packed weights.
+    """
+
+    sizes: np.ndarray
+    widths: np.ndarray
+    parameters: np.ndarray
+    packed: np.ndarray
+    transposed: np.ndarray
+    biases: np.ndarray
+    last: np.ndarray
+    last_bias: np.ndarray
+    pairs: np.ndarray
+
+
+class Rooms(NamedTuple):
+    """Arrays that a backward pass fills and nothing else reads, of the rows times the largest width.
+
+    Attributes:
+        passed: (2, rows times width) int16.
+        transposed, pairs: (half of that,) int32.
+        columns: (rows times width,) int16.
+    """
+
+    passed: np.ndarray
+    transposed: np.ndarray
+    columns: np.ndarray
+    pairs: np.ndarray
 
 
 @inlined
@@ -76,40 +115,72 @@ def _transpose(matrix: np.ndarray, rows: int, found: np.ndarray) -> None:
             found[k, i] = matrix[i, k]
 
 
-@compiled_sums
-def pack(weight: np.ndarray, packed: np.ndarray) -> None:
-    """A layer's (count, inputs, units) float32 -> (count, padded inputs / 2, padded units); padding stays."""
-    count, inputs, units = weight.shape
-    for n in range(count):
-        for i in range(inputs // 2):
-            for u in range(units):
-                packed[n, i, u] = paired(rounded(weight[n, 2 * i, u]), rounded(weight[n, 2 * i + 1, u]))
-        if inputs % 2:
-            for u in range(units):
-                packed[n, inputs // 2, u] = paired(rounded(weight[n, inputs - 1, u]), _NOTHING)
+@inlined
+def _pack(weight: np.ndarray, packed: np.ndarray) -> None:
+    """A layer's (inputs, units) float32 -> (padded inputs / 2, padded units)."""
+    inputs, units = weight.shape
+    for i in range(inputs // 2):
+        for u in range(units):
+            packed[i, u] = paired(rounded(weight[2 * i, u]), rounded(weight[2 * i + 1, u]))
+    if inputs % 2:
+        for u in range(units):
+            packed[inputs // 2, u] = paired(rounded(weight[inputs - 1, u]), _NOTHING)
+
+
+@inlined
+def _pack_transposed(weight: np.ndarray, pairs: np.ndarray, packed: np.ndarray) -> None:
+    """The same -> (padded units / 2, padded inputs). ``pairs`` is (inputs, units / 2, rounded up)."""
+    inputs, units = weight.shape
+    for i in range(inputs):
+        for u in range(units // 2):
+            pairs[i, u] = paired(rounded(weight[i, 2 * u]), rounded(weight[i, 2 * u + 1]))
+        if units % 2:
+            pairs[i, units // 2] = paired(rounded(weight[i, units - 1]), _NOTHING)
+    _transpose(pairs, inputs, packed)
 
 
 @compiled_sums
-def pack_transposed(weight: np.ndarray, room: np.ndarray, packed: np.ndarray) -> None:
-    """The same -> (count, padded units / 2, padded inputs). ``room`` is (inputs, units / 2, rounded up) int32."""
-    count, inputs, units = weight.shape
+def read(network: Network) -> None:
+    """Fill the arrays of a network from its parameters; padding stays as it is."""
+    sizes, widths, parameters = network.sizes, network.widths, network.parameters
+    layers, count, outputs = len(widths) - 1, len(network.biases), network.sizes[-1]
+    at, at_packed = 0, 0
+    for layer in range(layers):
+        inputs, units = sizes[layer], sizes[layer + 1]
+        length = widths[layer] * widths[layer + 1] // 2
+        for _ in range(count):
+            weight = parameters[at : at + inputs * units].reshape(inputs, units)
+            packed = network.packed[at_packed : at_packed + length]
+            _pack(weight, packed.reshape(widths[layer] // 2, widths[layer + 1]))
+            if len(network.transposed):
+                packed = network.transposed[at_packed : at_packed + length]
+                half = (units + 1) // 2
+                pairs = network.pairs[: inputs * half].reshape(inputs, half)
+                _pack_transposed(weight, pairs, packed.reshape(widths[layer + 1] // 2, widths[layer]))
+            at, at_packed = at + inputs * units, at_packed + length
+    units = sizes[layers]
     for n in range(count):
-        for i in range(inputs):
-            for u in range(units // 2):
-                room[i, u] = paired(rounded(weight[n, i, 2 * u]), rounded(weight[n, i, 2 * u + 1]))
-            if units % 2:
-                room[i, units // 2] = paired(rounded(weight[n, i, units - 1]), _NOTHING)
-        _transpose(room, inputs, packed[n])
+        for u in range(units):
+            for o in range(outputs):
+                network.last[n, o, u] = parameters[at + u * outputs + o]
+        at += units * outputs
+    at_bias = 0
+    for layer in range(1, layers + 1):
+        for n in range(count):
+            for u in range(sizes[layer]):
+                network.biases[n, at_bias + u] = parameters[at + u]
+            at += sizes[layer]
+        at_bias += widths[layer]
+    for n in range(count):
+        for o in range(outputs):
+            network.last_bias[n, o] = parameters[at + o]
+        at += outputs
 
 
 @compiled_sums
 def forward(
+    network: Network,
     x: np.ndarray,
-    widths: np.ndarray,
-    weights: np.ndarray,
-    biases: np.ndarray,
-    last: np.ndarray,
-    last_bias: np.ndarray,
     values: np.ndarray,
     output: np.ndarray,
     room: np.ndarray,
@@ -119,12 +190,13 @@ def forward(
     """Fill ``values`` and ``output`` from what all networks take.
 
     Args:
+        network: what is evaluated.
         x: (rows without padding, inputs) float32.
-        biases: (count, sum of the hidden layers' widths) float32.
-        last_bias: (count, outputs) float32.
         output: (count, rows without padding, outputs) float32.
-        widths, weights, last, values, room, row, shape: see above.
+        values, room, row, shape: see above.
     """
+    widths, weights, biases = network.widths, network.packed, network.biases
+    last, last_bias = network.last, network.last_bias
     count, rows, stride = values.shape
     tiles.begin(shape)
     for n in range(count):
@@ -223,33 +295,28 @@ def _add_rows(matrix: np.ndarray, found: np.ndarray) -> None:
 
 @compiled_sums
 def backward(
+    network: Network,
     values: np.ndarray,
     pairs: np.ndarray,
-    sizes: np.ndarray,
-    widths: np.ndarray,
-    turned: np.ndarray,
-    last: np.ndarray,
     gradient: np.ndarray,
     found: np.ndarray,
-    passed: np.ndarray,
-    transposed: np.ndarray,
-    columns: np.ndarray,
-    rows_in_pairs: np.ndarray,
+    rooms: Rooms,
     room: np.ndarray,
     row: np.ndarray,
     shape: np.ndarray,
 ) -> None:
-    """Fill ``found`` with the gradients of all weights and then of all biases.
+    """Fill ``found`` with the gradients of all parameters.
 
     Args:
+        network: what was evaluated.
         pairs: ``values`` with each two numbers of a row as one int32.
-        sizes: (layers + 2,) int64, of the input, every hidden layer and the output, without padding.
         gradient: (count, rows without padding, outputs) float32, of the output.
-        found: float32, one parameter after another, each as the network has it.
-        passed: (2, rows times units) int16, room.
-        transposed, columns, rows_in_pairs: int32, int16 and int32, of rows times units, room.
-        values, widths, turned, last, room, row, shape: see above.
+        found: as ``network.parameters``.
+        rooms: room.
+        values, room, row, shape: see above.
     """
+    sizes, widths, turned, last = network.sizes, network.widths, network.transposed, network.last
+    passed, transposed, columns, rows_in_pairs = rooms.passed, rooms.transposed, rooms.columns, rooms.pairs
     count, rows, _ = values.shape
     layers = len(widths) - 1
     outputs = sizes[layers + 1]
@@ -330,13 +397,11 @@ def backward(
 
 @compiled_sums
 def backward_to_input(
+    network: Network,
     values: np.ndarray,
-    widths: np.ndarray,
-    turned: np.ndarray,
-    last: np.ndarray,
     gradient: np.ndarray,
     found: np.ndarray,
-    passed: np.ndarray,
+    rooms: Rooms,
     room: np.ndarray,
     row: np.ndarray,
     shape: np.ndarray,
@@ -345,6 +410,7 @@ def backward_to_input(
 
     The rest as in ``backward``.
     """
+    widths, turned, last, passed = network.widths, network.transposed, network.last, rooms.passed
     count, rows, _ = values.shape
     layers = len(widths) - 1
     found[:] = _ZERO

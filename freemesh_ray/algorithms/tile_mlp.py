@@ -13,7 +13,7 @@ import torch
 
 from freemesh_ray.algorithms import tile_kernels, tiles
 from freemesh_ray.algorithms.networks import Mlp
-from freemesh_ray.algorithms.tile_kernels import BLOCK
+from freemesh_ray.algorithms.tile_kernels import BLOCK, Network, Rooms
 
 
 def _padded(size: int) -> int:
@@ -29,52 +29,67 @@ class TileMlp:
 
     Args:
         network: its weights are read when this is made and in ``refresh``.
+
+    Attributes:
+        network: the weights as kernels read them.
+        room, row: what kernels need.
     """
 
     def __init__(self, network: Mlp) -> None:
         self._lead = network.lead
-        self._shapes = [parameter.shape for parameter in network.parameters()]
-        self._lengths = [math.prod(shape) for shape in self._shapes]
+        self._parameters = [parameter.detach().numpy() for parameter in network.parameters()]
+        self._ends = np.cumsum([parameter.size for parameter in self._parameters]).tolist()
         count = math.prod(network.lead)
-        *self._weights, self._last_weight = (
-            weight.detach().numpy().reshape(count, *weight.shape[-2:]) for weight in network.weights
-        )
-        *self._biases, self._last_bias = (bias.detach().numpy().reshape(count, -1) for bias in network.biases)
         inputs = network.weights[0].shape[-2]
-        self._sizes = np.array([inputs, *(weight.shape[-1] for weight in network.weights)])
-        self._widths = np.array([_padded(size) for size in self._sizes[:-1]])
-
-        pairs = list(zip(self._widths[:-1].tolist(), self._widths[1:].tolist(), strict=True))
-        self._packed, self._layers = _parts([(count, inputs // 2, units) for inputs, units in pairs])
-        self._packed_transposed, self._layers_transposed = _parts([(count, units // 2, inputs) for inputs, units in pairs])
-        self._padded_biases = np.zeros((count, int(self._widths[1:].sum())), np.float32)
-        self._last = np.zeros((count, int(self._sizes[-1]), int(self._widths[-1])), np.float32)
-
-        width = int(self._widths.max())
-        self._width = width
-        self._room = np.empty(max(BLOCK, int(self._sizes[-1])) * width, np.float32)
-        self._row = np.empty(width, np.float32)
-        self._turn_room = [np.zeros((weight.shape[1], -(-weight.shape[2] // 2)), np.int32) for weight in self._weights]
-        self._rooms: dict[tuple[int, ...], Any] = {}
+        sizes = [inputs, *(weight.shape[-1] for weight in network.weights)]
+        widths = [_padded(size) for size in sizes[:-1]]
+        pairs = [a * b // 2 for a, b in zip(widths[:-1], widths[1:], strict=True)]
+        moved = any(parameter.requires_grad for parameter in network.parameters())  # a target has no gradients
+        self.network = Network(
+            np.array(sizes),
+            np.array(widths),
+            np.empty(self._ends[-1], np.float32),
+            np.zeros(count * sum(pairs), np.int32),
+            np.zeros(count * sum(pairs) if moved else 0, np.int32),
+            np.zeros((count, sum(widths[1:])), np.float32),
+            np.zeros((count, sizes[-1], widths[-1]), np.float32),
+            np.zeros((count, sizes[-1]), np.float32),
+            np.zeros(max(pairs), np.int32),
+        )
+        self.room = np.empty(max(BLOCK, sizes[-1]) * max(widths), np.float32)
+        self.row = np.empty(max(widths), np.float32)
+        self._rooms: dict[int, Rooms] = {}
         self.refresh()
 
     def refresh(self) -> None:
         """Read the weights, after they have changed."""
-        at = 0
-        for weight, packed, bias in zip(self._weights, self._layers, self._biases, strict=True):
-            tile_kernels.pack(weight, packed)
-            self._padded_biases[:, at : at + bias.shape[1]] = bias
-            at += packed.shape[2]
-        self._last[:, :, : self._last_weight.shape[1]] = self._last_weight.swapaxes(1, 2)
-        self._is_transposed = False
+        first = 0
+        for parameter, end in zip(self._parameters, self._ends, strict=True):
+            self.network.parameters[first:end] = parameter.reshape(-1)
+            first = end
+        tile_kernels.read(self.network)
 
-    def _transposed(self) -> np.ndarray:
-        """The weights that gradients are multiplied by; a target is never asked for them."""
-        if not self._is_transposed:
-            for weight, room, packed in zip(self._weights, self._turn_room, self._layers_transposed, strict=True):
-                tile_kernels.pack_transposed(weight, room, packed)
-            self._is_transposed = True
-        return self._packed_transposed
+    def write(self) -> None:
+        """Write the weights back that kernels have changed."""
+        first = 0
+        for parameter, end in zip(self._parameters, self._ends, strict=True):
+            parameter[...] = self.network.parameters[first:end].reshape(parameter.shape)
+            first = end
+
+    def values(self, rows: int) -> np.ndarray:
+        """An array for what all layers take."""
+        return np.empty((len(self.network.last), _padded(rows), int(self.network.widths.sum())), np.int16)
+
+    def rooms(self, rows: int) -> Rooms:
+        """What backward passes of so many rows need."""
+        rows = _padded(rows)
+        if rows not in self._rooms:
+            size = rows * len(self.row)
+            self._rooms[rows] = Rooms(
+                np.empty((2, size), np.int16), np.empty(size // 2, np.int32), np.empty(size, np.int16),
+                np.empty(size // 2, np.int32),
+            )  # fmt: skip
+        return self._rooms[rows]
 
     @torch.no_grad()
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
@@ -85,14 +100,10 @@ class TileMlp:
     @torch.no_grad()
     def trace(self, x: torch.Tensor) -> list[Any]:
         """What all layers take and the network's output, for ``backward``."""
-        rows, count = len(x), len(self._last)
-        values = np.empty((count, _padded(rows), int(self._widths.sum())), np.int16)
-        output = torch.empty((*self._lead, rows, int(self._sizes[-1])))
-        found = output.numpy()
-        tile_kernels.forward(
-            x.numpy(), self._widths, self._packed, self._padded_biases, self._last, self._last_bias, values,
-            found if self._lead else found[None], self._room, self._row, tiles.SHAPE,
-        )  # fmt: skip
+        rows, values = len(x), self.values(len(x))
+        output = torch.empty((*self._lead, rows, self.network.last.shape[1]))
+        found = output.numpy() if self._lead else output.numpy()[None]
+        tile_kernels.forward(self.network, x.contiguous().numpy(), values, found, self.room, self.row, tiles.SHAPE)
         values = values[:, :rows]
         return [values if self._lead else values[0], output]
 
@@ -114,40 +125,21 @@ class TileMlp:
             gradient: of the network's output.
         """
         values, given = self._given(trace, gradient)
-        found = torch.empty(sum(self._lengths))
+        found = torch.empty(self._ends[-1])
+        rooms = self.rooms(values.shape[1])
         tile_kernels.backward(
-            values, values.view(np.int32), self._sizes, self._widths, self._transposed(), self._last, given,
-            found.numpy(), *self._rooms_for(values.shape[1]), self._room, self._row, tiles.SHAPE,
-        )  # fmt: skip
-        return [part.view(shape) for part, shape in zip(found.split(self._lengths), self._shapes, strict=True)]
+            self.network, values, values.view(np.int32), given, found.numpy(), rooms, self.room, self.row, tiles.SHAPE
+        )
+        parts = found.tensor_split(self._ends[:-1])
+        return [part.view(parameter.shape) for part, parameter in zip(parts, self._parameters, strict=True)]
 
     @torch.no_grad()
     def backward_to_input(self, trace: list[Any], gradient: torch.Tensor) -> torch.Tensor:
         """Gradient of the input, (batch, inputs) float32; of a stack the sum over its networks."""
         values, given = self._given(trace, gradient)
-        found = torch.empty((values.shape[1], int(self._widths[0])))
-        passed = self._rooms_for(values.shape[1])[0]
+        found = torch.empty((values.shape[1], int(self.network.widths[0])))
+        rooms = self.rooms(values.shape[1])
         tile_kernels.backward_to_input(
-            values, self._widths, self._transposed(), self._last, given, found.numpy(), passed, self._room, self._row,
-            tiles.SHAPE,
-        )  # fmt: skip
-        return found[: given.shape[1], : int(self._sizes[0])]
-
-    def _rooms_for(self, rows: int) -> tuple[np.ndarray, ...]:
-        """Arrays of so many rows that kernels fill and nothing else reads."""
-        if rows not in self._rooms:
-            size = rows * self._width
-            self._rooms[rows] = (
-                np.empty((2, size), np.int16), np.empty(size // 2, np.int32), np.empty(size, np.int16),
-                np.empty(size // 2, np.int32),
-            )  # fmt: skip
-        rooms: tuple[np.ndarray, ...] = self._rooms[rows]
-        return rooms
-
-
-def _parts(shapes: list[tuple[int, ...]]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """An array of zeros, int32, and parts of it, of these shapes."""
-    lengths = [math.prod(shape) for shape in shapes]
-    whole = np.zeros(sum(lengths), np.int32)
-    parts = np.split(whole, np.cumsum(lengths)[:-1])
-    return whole, [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+            self.network, values, given, found.numpy(), rooms, self.room, self.row, tiles.SHAPE
+        )
+        return found[: given.shape[1], : int(self.network.sizes[0])]
