@@ -95,14 +95,12 @@ class LeanAdam(torch.optim.Adam):
         moments.counter.add_(1.0)
         moments.steps += 1
         if all(map(on_cpu, group["params"])):
-            first = 0
-            for parameter, gradient in zip(group["params"], gradients, strict=True):
-                end = first + parameter.numel()
+            beta1, beta2 = group["betas"]
+            for changed in zip(group["params"], gradients, moments.averages, moments.squares, strict=True):
+                parameter, gradient, average, square = map(flat, changed)
                 compiled_adam.descend(
-                    flat(parameter), flat(gradient), flat(moments.average)[first:end], flat(moments.square)[first:end],
-                    moments.steps, group["lr"], *group["betas"], group["eps"],
-                )  # fmt: skip
-                first = end
+                    parameter, gradient, average, square, moments.steps, group["lr"], beta1, beta2, group["eps"]
+                )
             return
         torch._fused_adam_(
             group["params"],

@@ -21,8 +21,8 @@ import torch
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.core.columns import Columns
 
-from freemesh_ray.algorithms.adam import LeanAdam
 from freemesh_ray.algorithms import tiles
+from freemesh_ray.algorithms.adam import LeanAdam
 from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
 from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp, wanted
@@ -201,10 +201,10 @@ class OffPolicyLearner(ConfiguredLearner):
             names = (Columns.OBS, Columns.ACTIONS, Columns.REWARDS, Columns.NEXT_OBS)
             rows = self._seen(module_id, rows)
             discounts = config.gamma ** rows[STEPS] * (1.0 - rows[Columns.TERMINATEDS])
-            columns = [aligned(column) for column in (*(rows[name] for name in names), discounts)]
-            count = len(discounts) // size
-            noise = self._drawn(count, (self.draws(config), size, columns[1].shape[1]))
-            figures = self._descend_all(module_id, config, Minibatch(*columns, noise), size)
+            obs, actions, rewards, next_obs = (aligned(rows[name]) for name in names)
+            noise = self._drawn(len(obs) // size, (self.draws(config), size, actions.shape[1]))
+            whole = Minibatch(obs, actions, rewards, next_obs, aligned(discounts), noise)
+            figures = self._descend_all(module_id, config, whole, size)
             means = [figure().mean() for figure in figures.values()]
             norms = torch.stack(torch._foreach_norm(list(self._module[module_id].parameters()))).sum()
             *told, norms = torch.stack([*means, norms.to(means[0].dtype)]).tolist()

@@ -49,10 +49,10 @@ class SACLearner(OffPolicyLearner):
 
     def _descend_all(self, module_id: str, config: Any, rows: Minibatch, size: int) -> Figures:
         """Compiled where the networks are in a processor's tiles."""
-        networks = self._networks(module_id)
-        in_tiles = all(isinstance(network, TileMlp) for network in networks.values())
+        evaluated = self._networks(module_id)
+        networks = {name: network for name, network in evaluated.items() if isinstance(network, TileMlp)}
         is_own = getattr(self._step, "__func__", None) is SACLearner._step
-        if not (in_tiles and is_own) or config.layer_norm or self.distributed or size % BLOCK:
+        if len(networks) < len(evaluated) or not is_own or config.layer_norm or self.distributed or size % BLOCK:
             return super()._descend_all(module_id, config, rows, size)
         if module_id not in self._compiled:
             optimizers = {name: self._named_optimizers[f"{module_id}_{name}"] for name in ("actor", "critic", "alpha")}

@@ -33,7 +33,8 @@ class Network(NamedTuple):
         widths: (layers + 1,) int64, of the input and every hidden layer, padded.
         parameters: float32, all weights and then all biases as ``Mlp.parameters`` has them, one after another; the
             others are made of these by ``read``.
-        packed: int32, of each hidden layer and each network (inputs / 2, units) pairs of rows, number by number in turn.
+        packed: int32, of each hidden layer and each network (inputs / 2, units) pairs of rows, number by number in
+            turn.
         transposed: the same of the transposed matrices, which gradients are multiplied by; empty where none are.
         biases: (count, sum of the hidden layers' widths) float32.
         last: (count, outputs, width of the last hidden layer) float32, the last layer's weights, transposed.

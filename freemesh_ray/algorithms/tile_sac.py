@@ -75,6 +75,11 @@ class TileSac:
         taken = np.array([one.steps for one in moments])
         before = taken.copy()
         figures = np.full(len(compiled_sac.FIGURES), np.nan)
+        critic, actor, alpha = (
+            Moments(flat(one.average), flat(one.square), gradient)
+            for one, gradient in zip(moments, self._gradients, strict=True)
+        )
+        critic_rate, actor_rate, alpha_rate = (optimizer.param_groups[0]["lr"] for optimizer in optimizers)
         compiled_sac.steps(
             Experience(*(tensor.contiguous().numpy() for tensor in minibatches)),
             first,
@@ -82,17 +87,16 @@ class TileSac:
                 delay=config.policy_delay,
                 tau=np.float32(config.tau),
                 target_entropy=np.float32(target_entropy),
-                rates=tuple(optimizer.param_groups[0]["lr"] for optimizer in optimizers),
+                rates=(critic_rate, actor_rate, alpha_rate),
                 beta1=group["betas"][0],
                 beta2=group["betas"][1],
                 eps=group["eps"],
             ),
-            *(self._networks[name].network for name in ("actor", "critic", "target_critic")),
+            self._networks["actor"].network,
+            self._networks["critic"].network,
+            self._networks["target_critic"].network,
             flat(self._log_alpha),
-            tuple(
-                Moments(flat(one.average), flat(one.square), gradient)
-                for one, gradient in zip(moments, self._gradients, strict=True)
-            ),
+            (critic, actor, alpha),
             taken,
             self._work,
             figures,
@@ -107,4 +111,4 @@ class TileSac:
 
 
 def _floats(*shape: int) -> np.ndarray:
-    return np.empty(shape, np.float32)
+    return tiles.room(shape, np.float32)

@@ -13,7 +13,6 @@ from torch.nn.functional import cosine_similarity
 from freemesh_ray import config
 from freemesh_ray.algorithms import bfloat16
 from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp
-from freemesh_ray.algorithms.tile_mlp import TileMlp
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.ddpg import DDPGConfig
 from freemesh_ray.algorithms.networks import Mlp, MlpStack
