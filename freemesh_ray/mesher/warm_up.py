@@ -34,8 +34,9 @@ _ready = False
 
 
 def entries() -> list[Kernel]:
-    """The kernels that Python calls for a mesh."""
-    return [k for k in kernels() if not isinstance(k, InnerKernel) and k.__module__ != transition.__name__]
+    """The kernels that Python calls for a mesh; not those that step environments or learn."""
+    others = (transition.__name__, "freemesh_ray.algorithms.")
+    return [k for k in kernels() if not isinstance(k, InnerKernel) and not k.__module__.startswith(others)]
 
 
 def log(done: int, total: int) -> None:
