@@ -1,4 +1,4 @@
-"""Networks whose products multiply bfloat16 numbers, three to four times as fast where the processor has them.
+"""Networks whose products multiply bfloat16 numbers, three to four times as fast where the device has them.
 
 Weights, biases, gradients and the last layer stay float32, and so do all sums (Micikevicius et al. 2018): what is
 rounded, to 8 bits, are the factors of the hidden layers' products and the hidden layers' outputs.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import torch
 
-from freemesh_ray.algorithms import bfloat16_layers, compiled_bfloat16_layers
+from freemesh_ray.algorithms import bfloat16_layers
 from freemesh_ray.algorithms.networks import Mlp, on_cpu
 from freemesh_ray.algorithms.onednn import available as onednn_available
 from freemesh_ray.algorithms.onednn import layer as onednn_layer
@@ -45,9 +45,7 @@ class Bfloat16Mlp:
         self._weights, self._biases = self._rounded[:hidden], self._rounded[hidden:]
         self._stacked = bool(network.lead)
         self._last = network.weights[-1].detach(), network.biases[-1].detach()
-        here = on_cpu(network.weights[0])
-        self._layers = compiled_bfloat16_layers if here else bfloat16_layers
-        self._fused = here and not self._stacked and onednn_available()
+        self._fused = on_cpu(network.weights[0]) and not self._stacked and onednn_available()
 
     def refresh(self) -> None:
         """Read the weights, after they have changed."""
@@ -65,7 +63,7 @@ class Bfloat16Mlp:
         values = [x.to(torch.bfloat16).expand(*network.lead, *x.shape)]
         for weight, bias in zip(self._weights, self._biases, strict=True):
             values.append(self._layer(bias, values[-1], weight))
-        return [*values, self._layers.last(values[-1], *self._last)]
+        return [*values, bfloat16_layers.last(values[-1], *self._last)]
 
     def _layer(self, bias: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
         return onednn_layer(bias, x, weight) if self._fused else _relu(self._network.layer(bias, x, weight))
@@ -79,15 +77,15 @@ class Bfloat16Mlp:
             gradient: of the network's output.
         """
         product, end = self._network.product, len(self._weights)
-        last_weight, last_bias = self._layers.last_gradients(trace[end], gradient)
+        last_weight, last_bias = bfloat16_layers.last_gradients(trace[end], gradient)
         weights, biases = [last_weight], [last_bias]
-        passed, sums = self._layers.before_last(trace[end], gradient, self._last[0])
+        passed, sums = bfloat16_layers.before_last(trace[end], gradient, self._last[0])
         for i in range(end - 1, -1, -1):
             biases.append(sums)
             weights.append(product(trace[i].mT, passed).to(gradient.dtype))
             if i:
                 passed = product(passed, self._weights[i].mT)
-                sums = self._layers.masked(passed, trace[i])
+                sums = bfloat16_layers.masked(passed, trace[i])
         shaped = biases if self._stacked else [bias.squeeze(0) for bias in biases]
         return weights[::-1] + shaped[::-1]
 
@@ -95,9 +93,9 @@ class Bfloat16Mlp:
     def backward_to_input(self, trace: list[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
         """Gradient of the input, (batch, inputs) float32; of a stack the sum over its networks."""
         product, end = self._network.product, len(self._weights)
-        passed, _ = self._layers.before_last(trace[end], gradient, self._last[0])
+        passed, _ = bfloat16_layers.before_last(trace[end], gradient, self._last[0])
         for i in range(end - 1, 0, -1):
             passed = product(passed, self._weights[i].mT)
-            self._layers.masked(passed, trace[i])
+            bfloat16_layers.masked(passed, trace[i])
         found = product(passed, self._weights[0].mT).to(gradient.dtype)
         return found.sum(dim=0) if self._stacked else found

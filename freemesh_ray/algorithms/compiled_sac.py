@@ -1,6 +1,6 @@
 """SAC's gradient steps in one kernel: many minibatches, and nothing between them that is not arithmetic.
 
-The arithmetic is `SACLearner._step`'s, in the same order, with the networks in a processor's tiles.
+The arithmetic is `SACLearner._step`'s, in the same order, with a `CompiledMlp`'s networks.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled_sums, inlined
-from freemesh_ray.algorithms import compiled_adam, tile_kernels
+from freemesh_ray.algorithms import compiled_adam, mlp_passes
 from freemesh_ray.algorithms.compiled_gaussian import backward_rows, sample_rows
-from freemesh_ray.algorithms.tile_kernels import Network, Rooms
+from freemesh_ray.algorithms.mlp_passes import Network, Rooms
 
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 #: What ``steps`` tells of the last minibatch, and of the last one in which the actor was updated.
@@ -64,7 +64,7 @@ class Moments(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room for what a step needs; rows are those of a minibatch, a multiple of `tile_kernels.BLOCK`.
+    """Room for what a step needs; rows are those of a minibatch, a multiple of `block_products.BLOCK`.
 
     Attributes:
         states: (2 rows, observation size), at s and s'.
@@ -79,7 +79,7 @@ class Work(NamedTuple):
         d_action: (rows, action size).
         d_outputs: (1, rows, 2 action sizes).
         actor_rooms, critic_rooms: of backward passes.
-        room, row, shape: see `tile_kernels`.
+        room, row, processor: see `mlp_passes`.
     """
 
     states: np.ndarray
@@ -102,7 +102,7 @@ class Work(NamedTuple):
     critic_rooms: Rooms
     room: np.ndarray
     row: np.ndarray
-    shape: np.ndarray
+    processor: np.ndarray
 
 
 @inlined
@@ -156,6 +156,7 @@ def steps(
         work: room.
         figures: (6,) float64, `FIGURES`.
     """
+    room, row, processor = work.room, work.row, work.processor
     rows, observed, width = len(work.pairs), experience.obs.shape[1], experience.actions.shape[1]
     size = np.float32(rows)
     actor_widths = 0
@@ -175,8 +176,14 @@ def steps(
         values = work.actor_values[: count * actor_widths].reshape(1, count, actor_widths)
         outputs = work.outputs[:count]
         noise = experience.noise[batch].reshape(2 * rows, width)[2 * rows - count :]
-        tile_kernels.forward(
-            actor, work.states[:count], values, outputs.reshape(1, count, 2 * width), work.room, work.row, work.shape
+        mlp_passes.forward(
+            actor,
+            work.states[:count],
+            values,
+            outputs.reshape(1, count, 2 * width),
+            room,
+            row,
+            processor,
         )
         sample_rows(outputs, noise, work.log_std[: count * width], work.sampled, work.log_pi[:count])
         next_log_pi, next_actions = work.log_pi[count - rows : count], work.sampled[(count - rows) * width :]
@@ -200,10 +207,10 @@ def steps(
         # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
         _copy(experience.next_obs, at, work.pairs, 0, rows)
         _beside(next_actions, width, work.pairs, observed)
-        tile_kernels.forward(target, work.pairs, work.critic_values, work.next_q, work.room, work.row, work.shape)
+        mlp_passes.forward(target, work.pairs, work.critic_values, work.next_q, room, row, processor)
         _copy(experience.obs, at, work.pairs, 0, rows)
         _beside(experience.actions[at : at + rows].reshape(rows * width), width, work.pairs, observed)
-        tile_kernels.forward(critic, work.pairs, work.critic_values, work.q, work.room, work.row, work.shape)
+        mlp_passes.forward(critic, work.pairs, work.critic_values, work.q, room, row, processor)
         loss, total = 0.0, 0.0
         for i in range(rows):
             next_value = work.next_q[_smallest(work.next_q, i), i, 0] - alpha * next_log_pi[i]
@@ -215,29 +222,36 @@ def steps(
                 total += work.q[n, i, 0]
         figures[1], figures[2] = 0.5 * loss / rows, total / (rows * len(work.q))
         own = moments[0]
-        tile_kernels.backward(
-            critic, work.critic_values, work.critic_int32, work.d_q, own.gradient, work.critic_rooms, work.room,
-            work.row, work.shape,
+        mlp_passes.backward(
+            critic, work.critic_values, work.critic_int32, work.d_q, own.gradient, work.critic_rooms, room, row,
+            processor,
         )  # fmt: skip
         taken[0] += 1
         compiled_adam.descend(
             critic.parameters, own.gradient, own.average, own.square, taken[0], settings.rates[0], settings.beta1,
             settings.beta2, settings.eps,
         )  # fmt: skip
-        tile_kernels.read(critic)
+        mlp_passes.read(critic)
 
         # J(phi), with the critics just updated: alpha log pi - min Q, the gradient through the smaller critic only
         if turn:
             _beside(work.sampled, width, work.pairs, observed)
-            tile_kernels.forward(critic, work.pairs, work.critic_values, work.q, work.room, work.row, work.shape)
+            mlp_passes.forward(critic, work.pairs, work.critic_values, work.q, room, row, processor)
             total = 0.0
             for i in range(rows):
                 best = _smallest(work.q, i)
                 for n in range(len(work.q)):
                     work.d_q[n, i, 0] = -_ONE / size if n == best else _ZERO
                 total += work.q[best, i, 0]
-            tile_kernels.backward_to_input(
-                critic, work.critic_values, work.d_q, work.d_pairs, work.critic_rooms, work.room, work.row, work.shape
+            mlp_passes.backward_to_input(
+                critic,
+                work.critic_values,
+                work.d_q,
+                work.d_pairs,
+                work.critic_rooms,
+                room,
+                row,
+                processor,
             )
             for i in range(rows):
                 for k in range(width):
@@ -248,19 +262,19 @@ def steps(
             )  # fmt: skip
             own = moments[1]
             length = rows * actor_widths
-            tile_kernels.backward(
+            mlp_passes.backward(
                 actor, work.actor_values[:length].reshape(1, rows, actor_widths),
                 work.actor_int32[: length // 2].reshape(1, rows, actor_widths // 2), work.d_outputs, own.gradient,
-                work.actor_rooms, work.room, work.row, work.shape,
+                work.actor_rooms, room, row, processor,
             )  # fmt: skip
             taken[1] += 1
             compiled_adam.descend(
                 actor.parameters, own.gradient, own.average, own.square, taken[1], settings.rates[1], settings.beta1,
                 settings.beta2, settings.eps,
             )  # fmt: skip
-            tile_kernels.read(actor)
+            mlp_passes.read(actor)
             figures[5] = alpha * mean_log_pi - total / rows
 
         for i in range(len(target.parameters)):
             target.parameters[i] += settings.tau * (critic.parameters[i] - target.parameters[i])
-        tile_kernels.read(target)
+        mlp_passes.read(target)

@@ -21,19 +21,19 @@ import torch
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.core.columns import Columns
 
-from freemesh_ray.algorithms import tiles
+from freemesh_ray.algorithms import block_products
 from freemesh_ray.algorithms.adam import LeanAdam
 from freemesh_ray.algorithms.alignment import aligned
 from freemesh_ray.algorithms.averaging import averaged, broadcast_from_first
 from freemesh_ray.algorithms.bfloat16 import Bfloat16Mlp, wanted
+from freemesh_ray.algorithms.compiled_mlp import CompiledMlp
 from freemesh_ray.algorithms.configured_learner import ConfiguredLearner
 from freemesh_ray.algorithms.networks import Mlp, on_cpu
 from freemesh_ray.algorithms.onednn import OneDnnMlp
 from freemesh_ray.algorithms.onednn import available as onednn_available
-from freemesh_ray.algorithms.tile_mlp import TileMlp
 
 #: A network as a written-out step evaluates it.
-Evaluated = Mlp | OneDnnMlp | Bfloat16Mlp | TileMlp
+Evaluated = Mlp | OneDnnMlp | Bfloat16Mlp | CompiledMlp
 #: What tells each figure of a step.
 Figures = dict[str, Callable[[], torch.Tensor]]
 #: Column of a batch: ``Transitions.steps``.
@@ -141,7 +141,8 @@ class OffPolicyLearner(ConfiguredLearner):
     def _as_evaluated(self, network: Mlp) -> Evaluated:
         here = on_cpu(network.weights[0])
         if self._rounds:
-            return TileMlp(network) if here and tiles.available() else Bfloat16Mlp(network)
+            processor = block_products.processor() if here else None
+            return Bfloat16Mlp(network) if processor is None else CompiledMlp(network, processor)
         return OneDnnMlp(network) if here and onednn_available() else network
 
     def configure_optimizers_for_module(self, module_id: str, config: AlgorithmConfig | None = None) -> None:

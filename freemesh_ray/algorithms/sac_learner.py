@@ -12,12 +12,12 @@ from typing import Any
 import torch
 
 from freemesh_ray.algorithms import compiled_gaussian, squashed_gaussian
+from freemesh_ray.algorithms.block_products import BLOCK
+from freemesh_ray.algorithms.compiled_mlp import CompiledMlp
 from freemesh_ray.algorithms.networks import on_cpu
 from freemesh_ray.algorithms.off_policy_learner import Figures, Minibatch, OffPolicyLearner
 from freemesh_ray.algorithms.sac_module import SACModule
-from freemesh_ray.algorithms.tile_kernels import BLOCK
-from freemesh_ray.algorithms.tile_mlp import TileMlp
-from freemesh_ray.algorithms.tile_sac import TileSac
+from freemesh_ray.algorithms.sac_steps import SacSteps
 
 
 class SACLearner(OffPolicyLearner):
@@ -48,15 +48,15 @@ class SACLearner(OffPolicyLearner):
             yield "actor", (alpha * log_pi - module.q(obs, new_actions).amin(dim=0)).mean()
 
     def _descend_all(self, module_id: str, config: Any, rows: Minibatch, size: int) -> Figures:
-        """Compiled where the networks are in a processor's tiles."""
+        """In one kernel where the networks are compiled."""
         evaluated = self._networks(module_id)
-        networks = {name: network for name, network in evaluated.items() if isinstance(network, TileMlp)}
+        networks = {name: network for name, network in evaluated.items() if isinstance(network, CompiledMlp)}
         is_own = getattr(self._step, "__func__", None) is SACLearner._step
         if len(networks) < len(evaluated) or not is_own or config.layer_norm or self.distributed or size % BLOCK:
             return super()._descend_all(module_id, config, rows, size)
         if module_id not in self._compiled:
             optimizers = {name: self._named_optimizers[f"{module_id}_{name}"] for name in ("actor", "critic", "alpha")}
-            self._compiled[module_id] = TileSac(networks, optimizers, self._module[module_id].log_alpha, size)
+            self._compiled[module_id] = SacSteps(networks, optimizers, self._module[module_id].log_alpha, size)
         entropy = -float(rows.actions.shape[1]) if config.target_entropy == "auto" else config.target_entropy
         told = self._compiled[module_id].steps(rows, self._steps + 1, config, entropy)
         self._steps += len(rows.rewards) // size
@@ -64,7 +64,7 @@ class SACLearner(OffPolicyLearner):
 
     def build(self) -> None:
         """OffPolicyLearner's."""
-        self._compiled: dict[str, TileSac] = {}
+        self._compiled: dict[str, SacSteps] = {}
         super().build()
 
     def _step(self, module_id: str, config: Any, minibatch: Minibatch) -> Figures:

@@ -11,8 +11,7 @@ A kernel calls ``begin``, then the others, then ``end``. Where ``available`` is 
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import llvmlite.binding
@@ -40,14 +39,6 @@ def _shape() -> np.ndarray:
 
 #: The argument of ``begin``.
 SHAPE = _shape()
-
-
-def room(shape: Sequence[int], dtype: type[np.generic]) -> np.ndarray:
-    """An array of zeros that begins where a row of a tile may: loading from between takes five times as long."""
-    size = math.prod(shape) * np.dtype(dtype).itemsize
-    memory = np.zeros(size + ROW_BYTES, np.uint8)
-    first = -memory.ctypes.data % ROW_BYTES
-    return memory[first : first + size].view(dtype).reshape(shape)
 
 
 @functools.cache

@@ -64,7 +64,7 @@ def products() -> str:
     """How this processor multiplies the networks' matrices."""
     import torch
 
-    from freemesh_ray.algorithms import bfloat16, onednn, tiles
+    from freemesh_ray.algorithms import bfloat16, block_products, onednn
 
     features = {
         "AVX-512": torch.cpu._is_avx512_supported(),
@@ -72,7 +72,8 @@ def products() -> str:
         "AMX": torch.cpu._is_amx_tile_supported(),
     }
     has = ", ".join(name for name, there in features.items() if there) or "no AVX-512"
-    own = "in its tiles, sac's steps in one kernel" if tiles.available() else "by its own instructions"
+    compiled = block_products.processor() is not None
+    own = "by its own instructions" + (", sac's steps in one kernel" if compiled else "")
     rounded = own if bfloat16.native() else "in float32, it has no instructions for them"
     return f"processor: {has}; float32 products by {'oneDNN' if onednn.available() else 'MKL'}, bfloat16 ones {rounded}"
 

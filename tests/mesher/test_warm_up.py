@@ -269,10 +269,10 @@ def test_without_a_place_for_machine_code_there_is_none(monkeypatch: pytest.Monk
 
 def test_what_a_learner_compiles_is_not_the_mesher_s() -> None:
     """A process that trains and meshes waits for no kernel of the learner's, which it may never call."""
-    import freemesh_ray.algorithms.tile_kernels  # noqa: F401
+    import freemesh_ray.algorithms.mlp_passes  # noqa: F401
     from envs.kernels.compiled import kernels
 
     modules = {kernel.__module__ for kernel in warm_up.entries()}
-    assert "freemesh_ray.algorithms.tile_kernels" in {kernel.__module__ for kernel in kernels()}
+    assert "freemesh_ray.algorithms.mlp_passes" in {kernel.__module__ for kernel in kernels()}
     assert not any(module.startswith("freemesh_ray.algorithms") for module in modules)
     assert any(module.startswith("freemesh_ray.finish") for module in modules)

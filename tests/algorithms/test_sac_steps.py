@@ -11,18 +11,27 @@ import torch
 from learners import BATCH, batch, learner, module, update
 from ray.rllib.core.columns import Columns
 
-from freemesh_ray.algorithms import tiles
+from freemesh_ray.algorithms import block_products, dot_products, tiles
 from freemesh_ray.algorithms.off_policy_learner import OffPolicyLearner
 from freemesh_ray.algorithms.sac import SACConfig
 from freemesh_ray.algorithms.sac_learner import SACLearner
-from freemesh_ray.algorithms.tile_sac import TileSac
+from freemesh_ray.algorithms.sac_steps import SacSteps
 
-pytestmark = pytest.mark.skipif(not tiles.available(), reason="this processor has no tiles of bfloat16 numbers")
+PROCESSORS = {"tiles": tiles, "dot products": dot_products}
 FIGURES = ("alpha", "alpha_loss", "log_pi_mean", "critic_loss", "q_mean", "actor_loss")
 
 
+@pytest.fixture(autouse=True, params=PROCESSORS)
+def processor(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every kind of instruction that this processor has."""
+    multiplies = PROCESSORS[request.param]
+    if not multiplies.available():
+        pytest.skip(f"this processor has no {request.param} of bfloat16 numbers")
+    monkeypatch.setattr(block_products, "processor", lambda: multiplies.SHAPE)
+
+
 def built(*, one_by_one: bool = False, **settings: Any) -> OffPolicyLearner:
-    """A learner whose networks are in tiles."""
+    """A learner whose networks are compiled."""
     found = learner(SACConfig().training(precision="bfloat16", tau=0.3, **settings), hidden=(64, 64))
     if one_by_one:
         found._descend_all = OffPolicyLearner._descend_all.__get__(found)  # type: ignore[method-assign]
@@ -63,7 +72,7 @@ def test_many_in_one_call_are_as_many_calls() -> None:
 
 
 def test_a_state_is_taken_over_bit_for_bit() -> None:
-    """From one in tiles into another; and by one without them, which goes on alike."""
+    """By another, and by one that takes the steps one by one, which goes on alike."""
     rows, ours, other, plain = batch(6), built(), built(), built(one_by_one=True)
     update(ours, part(rows, 0, 3))
     for found in (other, plain):
@@ -86,13 +95,13 @@ def test_what_is_no_number_is_told(column: str) -> None:
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The first steps of the calls of the kernel, as they come."""
     calls: list[int] = []
-    steps = TileSac.steps
+    steps = SacSteps.steps
 
-    def noted(self: TileSac, minibatches: Any, first: int, *rest: Any) -> Any:
+    def noted(self: SacSteps, minibatches: Any, first: int, *rest: Any) -> Any:
         calls.append(first)
         return steps(self, minibatches, first, *rest)
 
-    monkeypatch.setattr(TileSac, "steps", noted)
+    monkeypatch.setattr(SacSteps, "steps", noted)
     return calls
 
 

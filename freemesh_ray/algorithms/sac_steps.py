@@ -8,24 +8,29 @@ from typing import Any
 import numpy as np
 import torch
 
-from freemesh_ray.algorithms import compiled_sac, tiles
+from freemesh_ray.algorithms import compiled_sac
 from freemesh_ray.algorithms.adam import LeanAdam, flat
+from freemesh_ray.algorithms.alignment import aligned_zeros
+from freemesh_ray.algorithms.compiled_mlp import CompiledMlp
 from freemesh_ray.algorithms.compiled_sac import Experience, Moments, Settings, Work
-from freemesh_ray.algorithms.tile_mlp import TileMlp
 
 
-class TileSac:
+class SacSteps:
     """Many steps in one call.
 
     Args:
         networks: ``actor``, ``critic`` and ``target_critic``.
         optimizers: ``actor``, ``critic`` and ``alpha``.
         log_alpha: (1,).
-        rows: of a minibatch, a multiple of `tile_kernels.BLOCK`.
+        rows: of a minibatch, a multiple of `block_products.BLOCK`.
     """
 
     def __init__(
-        self, networks: Mapping[str, TileMlp], optimizers: Mapping[str, LeanAdam], log_alpha: torch.Tensor, rows: int
+        self,
+        networks: Mapping[str, CompiledMlp],
+        optimizers: Mapping[str, LeanAdam],
+        log_alpha: torch.Tensor,
+        rows: int,
     ) -> None:
         self._networks, self._optimizers, self._log_alpha = networks, optimizers, log_alpha
         actor, critic = networks["actor"], networks["critic"]
@@ -55,7 +60,7 @@ class TileSac:
             critic_rooms=critic.rooms(rows),
             room=actor.room if len(actor.room) > len(critic.room) else critic.room,
             row=larger.row,
-            shape=tiles.SHAPE,
+            processor=actor.processor,
         )
         self._gradients = [_floats(len(networks[name].network.parameters)) for name in ("critic", "actor")]
         self._gradients.append(_floats(1))
@@ -111,4 +116,4 @@ class TileSac:
 
 
 def _floats(*shape: int) -> np.ndarray:
-    return tiles.room(shape, np.float32)
+    return aligned_zeros(shape, np.float32)

@@ -1,4 +1,4 @@
-"""A network's passes in a processor's tiles, each one kernel.
+"""A network's passes with products of bfloat16 numbers, each one kernel.
 
 bfloat16 numbers are as in `bfloat16_bits`. Rows, and the widths of the input and the hidden layers, are padded to
 multiples of `BLOCK` with zeros. Arrays are contiguous. Those that all kernels know:
@@ -6,7 +6,7 @@ multiples of `BLOCK` with zeros. Arrays are contiguous. Those that all kernels k
     values      (count, rows, sum of widths) int16: of each network of a stack what its layers take, side by side
     room        float32: room for BLOCK rows of a product, and for the last layer's weights
     row         float32: room for one row
-    shape       `tiles.SHAPE`
+    processor   see `block_products`
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled_sums, inlined
-from freemesh_ray.algorithms import tiles
+from freemesh_ray.algorithms import block_products
 from freemesh_ray.algorithms.bfloat16_bits import paired, rounded, widened
+from freemesh_ray.algorithms.block_products import BLOCK, write_block
 
-#: Rows and columns of the part of a product that is in the tiles at once: two times two tiles.
-BLOCK = 32
+#: Columns that are transposed at once.
 _TILE = 16
 _ZERO, _NOTHING, _UPPER = np.float32(0.0), np.int16(0), np.int32(16)
 
@@ -66,41 +66,6 @@ class Rooms(NamedTuple):
     transposed: np.ndarray
     columns: np.ndarray
     pairs: np.ndarray
-
-
-@inlined
-def _clear() -> None:
-    """Make the block in the tiles 0."""
-    tiles.zero(0)
-    tiles.zero(1)
-    tiles.zero(2)
-    tiles.zero(3)
-
-
-@inlined
-def _add_product(
-    a: np.ndarray, a_first: int, a_stride: int, b: np.ndarray, b_first: int, b_stride: int, depth: int
-) -> None:
-    """Add to the block in the tiles BLOCK rows of a times BLOCK columns of b, which holds pairs of rows."""
-    for k in range(0, depth, BLOCK):
-        at_a, at_b = a_first + k, b_first + k // 2 * b_stride
-        tiles.load(4, a, at_a, a_stride)
-        tiles.load(5, a, at_a + _TILE * a_stride, a_stride)
-        tiles.load(6, b, at_b, b_stride)
-        tiles.load(7, b, at_b + _TILE, b_stride)
-        tiles.add_product(0, 4, 6)
-        tiles.add_product(1, 4, 7)
-        tiles.add_product(2, 5, 6)
-        tiles.add_product(3, 5, 7)
-
-
-@inlined
-def _take(found: np.ndarray, first: int, stride: int) -> None:
-    """Write the block in the tiles into an array."""
-    tiles.store(0, found, first, stride)
-    tiles.store(1, found, first + _TILE, stride)
-    tiles.store(2, found, first + _TILE * stride, stride)
-    tiles.store(3, found, first + _TILE * stride + _TILE, stride)
 
 
 @inlined
@@ -186,7 +151,7 @@ def forward(
     output: np.ndarray,
     room: np.ndarray,
     row: np.ndarray,
-    shape: np.ndarray,
+    processor: np.ndarray,
 ) -> None:
     """Fill ``values`` and ``output`` from what all networks take.
 
@@ -194,12 +159,12 @@ def forward(
         network: what is evaluated.
         x: (rows without padding, inputs) float32.
         output: (count, rows without padding, outputs) float32.
-        values, room, row, shape: see above.
+        values, room, row, processor: see above.
     """
     widths, weights, biases = network.widths, network.packed, network.biases
     last, last_bias = network.last, network.last_bias
     count, rows, stride = values.shape
-    tiles.begin(shape)
+    block_products.begin(processor)
     for n in range(count):
         for i in range(rows):
             for k in range(widths[0]):
@@ -214,10 +179,10 @@ def forward(
             bias = biases[n, at_bias : at_bias + units]
             for r in range(0, rows, BLOCK):
                 for u in range(0, units, BLOCK):
-                    _clear()
                     at_values = (n * rows + r) * stride + at
-                    _add_product(values, at_values, stride, weights, at_weights + u, units, inputs)
-                    _take(room, u, units)
+                    write_block(
+                        processor, values, at_values, stride, weights, at_weights + u, units, inputs, room, u, units
+                    )
                 for i in range(BLOCK):
                     found = values[n, r + i, at + inputs : at + inputs + units]
                     given = room[i * units : (i + 1) * units]
@@ -226,7 +191,7 @@ def forward(
                         found[j] = bits if bits > 0 else _NOTHING
             at_weights += inputs // 2 * units
         at, at_bias = at + inputs, at_bias + units
-    tiles.end()
+    block_products.end(processor)
     for n in range(count):
         for i in range(output.shape[1]):
             value = values[n, i, at : at + last.shape[2]]
@@ -263,6 +228,7 @@ def _before_last(
 
 @inlined
 def _before(
+    processor: np.ndarray,
     passed: np.ndarray,
     turned: np.ndarray,
     at_turned: int,
@@ -276,9 +242,7 @@ def _before(
     (rows, units), inputs = before.shape, passed.shape[1]
     for r in range(0, rows, BLOCK):
         for u in range(0, units, BLOCK):
-            _clear()
-            _add_product(passed, r * inputs, inputs, turned, at_turned + u, units, inputs)
-            _take(room, u, units)
+            write_block(processor, passed, r * inputs, inputs, turned, at_turned + u, units, inputs, room, u, units)
         for i in range(BLOCK):
             given, value, found = room[i * units : (i + 1) * units], values[n, r + i, at : at + units], before[r + i]
             for j in range(units):
@@ -304,7 +268,7 @@ def backward(
     rooms: Rooms,
     room: np.ndarray,
     row: np.ndarray,
-    shape: np.ndarray,
+    processor: np.ndarray,
 ) -> None:
     """Fill ``found`` with the gradients of all parameters.
 
@@ -314,14 +278,14 @@ def backward(
         gradient: (count, rows without padding, outputs) float32, of the output.
         found: as ``network.parameters``.
         rooms: room.
-        values, room, row, shape: see above.
+        values, room, row, processor: see above.
     """
     sizes, widths, turned, last = network.sizes, network.widths, network.transposed, network.last
     passed, transposed, columns, rows_in_pairs = rooms.passed, rooms.transposed, rooms.columns, rooms.pairs
     count, rows, _ = values.shape
     layers = len(widths) - 1
     outputs = sizes[layers + 1]
-    tiles.begin(shape)
+    block_products.begin(processor)
     for n in range(count):
         # Where the values of the last hidden layer begin, its transposed weights, and the gradients of the last layer
         at, at_turned, at_weight, at_bias = 0, 0, 0, 0
@@ -381,9 +345,7 @@ def backward(
             d_weight = found[first : first + sizes[layer] * sizes[layer + 1]].reshape(sizes[layer], sizes[layer + 1])
             for k in range(0, inputs, BLOCK):
                 for u in range(0, units, BLOCK):
-                    _clear()
-                    _add_product(columns, k * rows, rows, rows_in_pairs, u, units, rows)
-                    _take(room, u, units)
+                    write_block(processor, columns, k * rows, rows, rows_in_pairs, u, units, rows, room, u, units)
                 for i in range(min(BLOCK, sizes[layer] - k)):
                     given, d_row = room[i * units : (i + 1) * units], d_weight[k + i]
                     for j in range(len(d_row)):
@@ -391,9 +353,9 @@ def backward(
 
             if layer:
                 other = passed[(layers - layer) % 2, : rows * inputs].reshape(rows, inputs)
-                _before(own, turned, at_turned + n * (inputs * units // 2), values, n, at, other, room)
+                _before(processor, own, turned, at_turned + n * (inputs * units // 2), values, n, at, other, room)
                 own = other
-    tiles.end()
+    block_products.end(processor)
 
 
 @compiled_sums
@@ -405,7 +367,7 @@ def backward_to_input(
     rooms: Rooms,
     room: np.ndarray,
     row: np.ndarray,
-    shape: np.ndarray,
+    processor: np.ndarray,
 ) -> None:
     """Fill ``found``, (rows, width of the input) float32, with the input's gradient, of all networks together.
 
@@ -415,7 +377,7 @@ def backward_to_input(
     count, rows, _ = values.shape
     layers = len(widths) - 1
     found[:] = _ZERO
-    tiles.begin(shape)
+    block_products.begin(processor)
     for n in range(count):
         at, at_turned = 0, 0
         for layer in range(layers):
@@ -429,16 +391,15 @@ def backward_to_input(
             at_turned -= count * (inputs * units // 2)
             if layer:
                 other = passed[(layers - layer) % 2, : rows * inputs].reshape(rows, inputs)
-                _before(own, turned, at_turned + n * (inputs * units // 2), values, n, at, other, room)
+                _before(processor, own, turned, at_turned + n * (inputs * units // 2), values, n, at, other, room)
                 own = other
             else:
                 for r in range(0, rows, BLOCK):
                     for u in range(0, inputs, BLOCK):
-                        _clear()
-                        _add_product(own, r * units, units, turned, n * (inputs * units // 2) + u, inputs, units)
-                        _take(room, u, inputs)
+                        at_weight = n * (inputs * units // 2) + u
+                        write_block(processor, own, r * units, units, turned, at_weight, inputs, units, room, u, inputs)
                     for i in range(BLOCK):
                         given, sums = room[i * inputs : (i + 1) * inputs], found[r + i]
                         for j in range(inputs):
                             sums[j] += given[j]
-    tiles.end()
+    block_products.end(processor)

@@ -1,4 +1,4 @@
-"""Networks in a processor's tiles against products of the same rounded numbers, and against those of float32 ones."""
+"""Networks in compiled passes against products of the same rounded numbers, and against those of float32 ones."""
 
 from __future__ import annotations
 
@@ -7,14 +7,24 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import example, given
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from freemesh_ray.algorithms import tiles
+from freemesh_ray.algorithms import alignment, dot_products, tiles
+from freemesh_ray.algorithms.compiled_mlp import CompiledMlp
 from freemesh_ray.algorithms.networks import Mlp, MlpStack
-from freemesh_ray.algorithms.tile_mlp import TileMlp
 
-pytestmark = pytest.mark.skipif(not tiles.available(), reason="this processor has no tiles of bfloat16 numbers")
+#: What multiplies, by the type that tells kernels so.
+PROCESSORS = {"tiles": tiles, "dot products": dot_products}
+
+
+@pytest.fixture(params=PROCESSORS)
+def processor(request: pytest.FixtureRequest) -> np.ndarray:
+    """Every kind of instruction that this processor has."""
+    multiplies = PROCESSORS[request.param]
+    if not multiplies.available():
+        pytest.skip(f"this processor has no {request.param} of bfloat16 numbers")
+    return multiplies.SHAPE
 
 
 class Case:
@@ -93,12 +103,13 @@ CASES = st.builds(
 )
 
 
-@given(CASES)
-@example(Case(0, 256, [15, 128, 128, 128, 6]))
-@example(Case(2, 256, [18, 128, 128, 128, 1]))
-def test_they_are_products_of_rounded_numbers(case: Case) -> None:
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(case=CASES)
+@example(case=Case(0, 256, [15, 128, 128, 128, 6]))
+@example(case=Case(2, 256, [18, 128, 128, 128, 1]))
+def test_they_are_products_of_rounded_numbers(processor: np.ndarray, case: Case) -> None:
     expected = case.results(Rounded(case.network))
-    for name, found in case.results(TileMlp(case.network)).items():
+    for name, found in case.results(CompiledMlp(case.network, processor)).items():
         wanted = expected[name].detach()
         assert (found.dtype, found.shape) == (torch.float32, wanted.shape), name
         # Sums are in another order; a number near the middle of two bfloat16 ones is then rounded to either.
@@ -107,23 +118,27 @@ def test_they_are_products_of_rounded_numbers(case: Case) -> None:
 
 
 @pytest.mark.parametrize(("count", "sizes"), [(0, [15, 128, 128, 128, 6]), (2, [18, 128, 128, 128, 1])])
-def test_they_differ_from_float32_by_rounding_alone(count: int, sizes: list[int]) -> None:
+def test_they_differ_from_float32_by_rounding_alone(processor: np.ndarray, count: int, sizes: list[int]) -> None:
     case = Case(count, 256, sizes)
     expected = case.results(case.network)
-    for name, found in case.results(TileMlp(case.network)).items():
+    for name, found in case.results(CompiledMlp(case.network, processor)).items():
         wanted = expected[name].detach()
         assert float((found - wanted).norm() / wanted.norm()) < (0.01 if name == "output" else 0.12), name
 
 
-@given(CASES)
-def test_they_come_to_the_same_bits_again(case: Case) -> None:
-    first, again = case.results(TileMlp(case.network)), case.results(TileMlp(case.network))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(case=CASES)
+def test_they_come_to_the_same_bits_again(processor: np.ndarray, case: Case) -> None:
+    first, again = (
+        case.results(CompiledMlp(case.network, processor)),
+        case.results(CompiledMlp(case.network, processor)),
+    )
     assert all(torch.equal(first[name], again[name]) for name in first)
 
 
-def test_the_first_rows_of_a_trace_are_a_trace() -> None:
+def test_the_first_rows_of_a_trace_are_a_trace(processor: np.ndarray) -> None:
     case = Case(0, 64, [15, 40, 33, 6])
-    evaluated = TileMlp(case.network)
+    evaluated = CompiledMlp(case.network, processor)
     for rows in (32, 17):
         whole = [part[:rows] for part in evaluated.trace(case.x)]
         own = evaluated.trace(case.x[:rows])
@@ -134,9 +149,9 @@ def test_the_first_rows_of_a_trace_are_a_trace() -> None:
             assert torch.equal(found, wanted)
 
 
-def test_weights_are_read_when_it_is_told_and_written_back() -> None:
+def test_weights_are_read_when_it_is_told_and_written_back(processor: np.ndarray) -> None:
     case = Case(2, 40, [5, 8, 2])
-    evaluated = TileMlp(case.network)
+    evaluated = CompiledMlp(case.network, processor)
     before = evaluated(case.x)
     with torch.no_grad():
         for parameter in case.network.parameters():
@@ -153,25 +168,25 @@ def test_weights_are_read_when_it_is_told_and_written_back() -> None:
     assert not torch.equal(evaluated(case.x), before)
 
 
-def test_what_is_no_number_comes_out() -> None:
+def test_what_is_no_number_comes_out(processor: np.ndarray) -> None:
     """Of a weight, of what the network takes, and of a gradient."""
     case = Case(0, 40, [5, 8, 2])
     case.x[3, 1] = float("nan")
-    found = case.results(TileMlp(case.network))
+    found = case.results(CompiledMlp(case.network, processor))
     assert found["output"].isnan().any(dim=1).nonzero().flatten().tolist() == [3]
     case.x[3, 1] = 0.0
     case.gradient[7, 0] = float("nan")
-    found = case.results(TileMlp(case.network))
+    found = case.results(CompiledMlp(case.network, processor))
     assert found["weights.1"].isnan().any()
     with torch.no_grad():
         case.network.weights[0][0, 0] = float("nan")
-    assert TileMlp(case.network)(case.x).isnan().any()
+    assert CompiledMlp(case.network, processor)(case.x).isnan().any()
 
 
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=3), st.sampled_from([np.int16, np.int32, np.float32]))
-def test_rooms_begin_where_rows_of_tiles_may(shape: list[int], dtype: type[np.generic]) -> None:
-    room = tiles.room(shape, dtype)
-    assert room.ctypes.data % tiles.ROW_BYTES == 0
+def test_arrays_begin_where_tiles_are_filled_from(shape: list[int], dtype: type[np.generic]) -> None:
+    room = alignment.aligned_zeros(shape, dtype)
+    assert room.ctypes.data % alignment.BYTES == 0
     assert (room.shape, room.dtype) == (tuple(shape), dtype)
     assert room.flags.c_contiguous
     assert not room.any()

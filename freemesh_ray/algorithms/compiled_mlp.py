@@ -1,4 +1,4 @@
-"""Networks whose products multiply bfloat16 numbers in a processor's tiles, in half of the time of a library's.
+"""Networks whose passes are compiled, with products of bfloat16 numbers by the processor's own instructions.
 
 What is rounded is what `Bfloat16Mlp` rounds, but for the biases, which stay float32.
 """
@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from freemesh_ray.algorithms import tile_kernels, tiles
+from freemesh_ray.algorithms import mlp_passes
+from freemesh_ray.algorithms.alignment import aligned_zeros
+from freemesh_ray.algorithms.block_products import BLOCK
+from freemesh_ray.algorithms.mlp_passes import Network, Rooms
 from freemesh_ray.algorithms.networks import Mlp
-from freemesh_ray.algorithms.tile_kernels import BLOCK, Network, Rooms
-from freemesh_ray.algorithms.tiles import room
 
 
 def _padded(size: int) -> int:
@@ -22,7 +23,7 @@ def _padded(size: int) -> int:
     return -(-size // BLOCK) * BLOCK
 
 
-class TileMlp:
+class CompiledMlp:
     """An Mlp, or a stack of them, evaluated so; it has the methods of an Mlp that a written-out step needs.
 
     A trace is what all layers take, side by side, (..., rows, units) int16, and the output, (..., rows, outputs)
@@ -30,13 +31,15 @@ class TileMlp:
 
     Args:
         network: its weights are read when this is made and in ``refresh``.
+        processor: see `block_products`.
 
     Attributes:
         network: the weights as kernels read them.
         room, row: what kernels need.
     """
 
-    def __init__(self, network: Mlp) -> None:
+    def __init__(self, network: Mlp, processor: np.ndarray) -> None:
+        self.processor = processor
         self._lead = network.lead
         self._parameters = [parameter.detach().numpy() for parameter in network.parameters()]
         self._ends = np.cumsum([parameter.size for parameter in self._parameters]).tolist()
@@ -49,16 +52,16 @@ class TileMlp:
         self.network = Network(
             np.array(sizes),
             np.array(widths),
-            room((self._ends[-1],), np.float32),
-            room((count * sum(pairs),), np.int32),
-            room((count * sum(pairs) if moved else 0,), np.int32),
-            room((count, sum(widths[1:])), np.float32),
-            room((count, sizes[-1], widths[-1]), np.float32),
-            room((count, sizes[-1]), np.float32),
-            room((max(pairs),), np.int32),
+            aligned_zeros((self._ends[-1],), np.float32),
+            aligned_zeros((count * sum(pairs),), np.int32),
+            aligned_zeros((count * sum(pairs) if moved else 0,), np.int32),
+            aligned_zeros((count, sum(widths[1:])), np.float32),
+            aligned_zeros((count, sizes[-1], widths[-1]), np.float32),
+            aligned_zeros((count, sizes[-1]), np.float32),
+            aligned_zeros((max(pairs),), np.int32),
         )
-        self.room = room((max(BLOCK, sizes[-1]) * max(widths),), np.float32)
-        self.row = room((max(widths),), np.float32)
+        self.room = aligned_zeros((max(BLOCK, sizes[-1]) * max(widths),), np.float32)
+        self.row = aligned_zeros((max(widths),), np.float32)
         self._rooms: dict[int, Rooms] = {}
         self.refresh()
 
@@ -68,7 +71,7 @@ class TileMlp:
         for parameter, end in zip(self._parameters, self._ends, strict=True):
             self.network.parameters[first:end] = parameter.reshape(-1)
             first = end
-        tile_kernels.read(self.network)
+        mlp_passes.read(self.network)
 
     def write(self) -> None:
         """Write the weights back that kernels have changed."""
@@ -79,7 +82,7 @@ class TileMlp:
 
     def values(self, rows: int) -> np.ndarray:
         """An array for what all layers take."""
-        return room((len(self.network.last), _padded(rows), int(self.network.widths.sum())), np.int16)
+        return aligned_zeros((len(self.network.last), _padded(rows), int(self.network.widths.sum())), np.int16)
 
     def rooms(self, rows: int) -> Rooms:
         """What backward passes of so many rows need."""
@@ -87,9 +90,11 @@ class TileMlp:
         if rows not in self._rooms:
             size = rows * len(self.row)
             self._rooms[rows] = Rooms(
-                room((2, size), np.int16), room((size // 2,), np.int32), room((size,), np.int16),
-                room((size // 2,), np.int32),
-            )  # fmt: skip
+                aligned_zeros((2, size), np.int16),
+                aligned_zeros((size // 2,), np.int32),
+                aligned_zeros((size,), np.int16),
+                aligned_zeros((size // 2,), np.int32),
+            )
         return self._rooms[rows]
 
     @torch.no_grad()
@@ -104,7 +109,7 @@ class TileMlp:
         rows, values = len(x), self.values(len(x))
         output = torch.empty((*self._lead, rows, self.network.last.shape[1]))
         found = output.numpy() if self._lead else output.numpy()[None]
-        tile_kernels.forward(self.network, x.contiguous().numpy(), values, found, self.room, self.row, tiles.SHAPE)
+        mlp_passes.forward(self.network, x.contiguous().numpy(), values, found, self.room, self.row, self.processor)
         values = values[:, :rows]
         return [values if self._lead else values[0], output]
 
@@ -114,7 +119,7 @@ class TileMlp:
         if not self._lead:
             values, given = values[None], given[None]
         if more := _padded(values.shape[1]) - values.shape[1]:
-            padded = room((len(values), values.shape[1] + more, values.shape[2]), np.int16)
+            padded = aligned_zeros((len(values), values.shape[1] + more, values.shape[2]), np.int16)
             padded[:, :-more] = values
             values = padded
         return np.ascontiguousarray(values), given
@@ -130,8 +135,16 @@ class TileMlp:
         values, given = self._given(trace, gradient)
         found = torch.empty(self._ends[-1])
         rooms = self.rooms(values.shape[1])
-        tile_kernels.backward(
-            self.network, values, values.view(np.int32), given, found.numpy(), rooms, self.room, self.row, tiles.SHAPE
+        mlp_passes.backward(
+            self.network,
+            values,
+            values.view(np.int32),
+            given,
+            found.numpy(),
+            rooms,
+            self.room,
+            self.row,
+            self.processor,
         )
         parts = found.tensor_split(self._ends[:-1])
         return [part.view(parameter.shape) for part, parameter in zip(parts, self._parameters, strict=True)]
@@ -142,7 +155,7 @@ class TileMlp:
         values, given = self._given(trace, gradient)
         found = torch.empty((values.shape[1], int(self.network.widths[0])))
         rooms = self.rooms(values.shape[1])
-        tile_kernels.backward_to_input(
-            self.network, values, given, found.numpy(), rooms, self.room, self.row, tiles.SHAPE
+        mlp_passes.backward_to_input(
+            self.network, values, given, found.numpy(), rooms, self.room, self.row, self.processor
         )
         return found[: given.shape[1], : int(self.network.sizes[0])]
