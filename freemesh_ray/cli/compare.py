@@ -26,7 +26,8 @@ examples:
 peers:
 {LIST}
 
-They need `pip install {" ".join(PACKAGES)}`. Ctrl-C leaves what is finished in the folder.
+They need `pip install {" ".join(PACKAGES)}`; fastq, a program of SEACAS, has to be on the path. Ctrl-C leaves what is
+finished in the folder.
 """
 
 
@@ -49,7 +50,7 @@ def add(commands: Any) -> None:
         EPILOG,
     )
     compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part-SEED")
-    compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, comparison.csv and pictures are written")
+    compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, .csv, .json and pictures are written")
     compare.add_argument("--no-pictures", dest="pictures", action="store_false", help="tables alone")
     compare.add_argument("--peers", type=peer_names, default=list(PEERS), metavar="NAMES",
                          help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
@@ -76,18 +77,21 @@ def run(options: argparse.Namespace) -> int:
     domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]
-    columns = [*own, *meshers.installed_peers(options.peers, note), *files]
+    peers = meshers.installed_peers(options.peers, note)
+    columns = [*own, *peers.meshers, *files]
     if not columns:
         raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
-    done = compare(domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures)
+    done = compare(
+        domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures, absent=peers.absent
+    )
     note()
-    say(report.summary([row for entry in done for row in entry.rows]))
+    say(report.summary([row for entry in done for row in entry.rows], peers.absent))
     note()
     if folder is None:
         note("all metrics and pictures: --out FOLDER")
     else:
         pictures = ", boxes.png, a picture of each domain" if options.pictures else ""
-        note(f"written to {folder}: comparison.md and comparison.csv with all metrics{pictures}")
+        note(f"written to {folder}: comparison.md, .csv and .json with all metrics{pictures}")
     return 0
 
 

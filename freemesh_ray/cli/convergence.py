@@ -117,7 +117,7 @@ def _found(problems: Mapping[str, Problem], options: argparse.Namespace) -> list
     from freemesh_ray.convergence.run import run
     from freemesh_ray.policies.policy import DEFAULT
 
-    meshers = [ours(maker(Path(options.policy or DEFAULT))), *installed_peers(options.peers, note)]
+    meshers = [ours(maker(Path(options.policy or DEFAULT))), *installed_peers(options.peers, note).meshers]
     found = []
     for name, problem in problems.items():
         found += run(name, problem, meshers, options.levels, lambda solved: note(report.line(solved)))

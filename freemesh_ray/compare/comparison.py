@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from envs.types import Domain, DomainError, Floats
 from freemesh_ray import plots
 from freemesh_ray.compare import report
+from freemesh_ray.compare.boundary_change import boundary_change
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
 from freemesh_ray.compare.pooled import pooled
@@ -39,11 +41,7 @@ class Compared:
     def panels(self) -> dict[str, MixedMesh | None]:
         """What the domain's picture shows: label -> mesh, None where there is none."""
         made = {mesh.mesher: mesh for mesh in self.meshes}
-        changed = {row.mesher for row in self.rows if row.figures is not None and not row.keeps_boundary}
-        return {
-            f"{row.mesher} (boundary changed)" if row.mesher in changed else row.mesher: made.get(row.mesher)
-            for row in self.rows
-        }
+        return {panel_label(row): made.get(row.mesher) for row in self.rows}
 
 
 def compare(
@@ -53,16 +51,18 @@ def compare(
     report_row: Callable[[Row], None],
     *,
     drawn: bool = True,
+    absent: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Compared]:
     """Run all meshers on all domains; an interrupt leaves the tables and pictures of what is finished.
 
     Args:
         domains: what to mesh.
         meshers: in the order of the columns.
-        folder: where ``comparison.md``, ``comparison.csv``, a picture for each domain and ``boxes.png`` are written;
+        folder: where ``comparison.md``, ``.csv``, ``.json``, a picture for each domain and ``boxes.png`` are written;
             None: nowhere.
         report_row: called with each row as it is finished.
         drawn: whether there are pictures.
+        absent: peers that take no part -> why; the tables tell it.
 
     Raises:
         DomainError: two domains have one name.
@@ -81,12 +81,12 @@ def compare(
                         compared.meshes.append(mesh)
                     report_row(row)
             if folder is not None:
-                report.write(folder, [row for entry in done for row in entry.rows])
+                report.write(folder, [row for entry in done for row in entry.rows], absent)
             if folder is not None and drawn and compared.meshes:
                 plots.draw_side_by_side(compared.panels, folder / f"{file_name(domain.name)}.png", domain.name)
     finally:
         if folder is not None and any(entry.rows for entry in done):
-            report.write(folder, [row for entry in done for row in entry.rows])
+            report.write(folder, [row for entry in done for row in entry.rows], absent)
             if drawn and any(entry.meshes for entry in done):
                 plots.draw_boxes(box_values(done), folder / "boxes.png", title=title([entry.domain for entry in done]))
     return done
@@ -110,14 +110,22 @@ def title(domains: Sequence[Domain]) -> str:
     return ", ".join(domain.name for domain in domains) if len(domains) <= NAMED else f"{len(domains)} domains"
 
 
+def panel_label(row: Row) -> str:
+    """The mesher, and what it did to the boundary where it did not keep it."""
+    if row.boundary is None or row.boundary.kept:
+        return row.mesher
+    return f"{row.mesher} (boundary {f'+{row.boundary.added} points' if row.boundary.split else 'changed'})"
+
+
 def rows(mesher: Mesher, domain: Domain) -> list[tuple[Row, MixedMesh | None]]:
     """A mesher's rows for a domain, with their meshes; a failure is a row without."""
     try:
         return [
-            (Row(domain.name, mesh.mesher, figures(mesh), mesh.keeps(domain), ""), mesh) for mesh in mesher.run(domain)
+            (Row(domain.name, mesh.mesher, figures(mesh), boundary_change(mesh, domain), ""), mesh)
+            for mesh in mesher.run(domain)
         ]
     except (PeerError, MeshingError) as error:
-        return [(Row(domain.name, mesher.name, None, False, str(error).replace("\n", " ")), None)]
+        return [(Row(domain.name, mesher.name, None, None, str(error).replace("\n", " ")), None)]
 
 
 def file_name(name: str) -> str:

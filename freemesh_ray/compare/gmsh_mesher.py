@@ -1,5 +1,6 @@
-"""Gmsh's quadrilateral meshers on a fixed boundary: one straight curve for each given segment, never divided.
+"""Gmsh's quadrilateral meshers on a fixed boundary: one straight curve for each given segment.
 
+None but the quasi-structured algorithm divides one, and it all of them.
 Sizes inside come from the boundary segments alone (Mesh.MeshSizeExtendFromBoundary), as Gmsh does by default.
 """
 
@@ -42,6 +43,7 @@ class Variant:
 
 FRONTAL, FRONTAL_QUADS = {"Mesh.Algorithm": 6.0}, {"Mesh.Algorithm": 8.0}
 BLOSSOM, FULL_QUAD = {"Mesh.RecombinationAlgorithm": 1.0}, {"Mesh.RecombinationAlgorithm": 3.0}
+QUASI = {"Mesh.Algorithm": 11.0}
 
 #: By the names of `peers.PEERS`.
 VARIANTS: dict[str, Variant] = {
@@ -50,9 +52,11 @@ VARIANTS: dict[str, Variant] = {
     # Left to itself Gmsh splits poor quadrilaterals into triangles.
     "gmsh-full-quad": Variant(FRONTAL_QUADS | FULL_QUAD | {"Mesh.RecombineMinimumQuality": -1e22}, paired=True),
     # An error inside its parallel loop would end the process: it is told to go on instead.
-    "gmsh-quasi": Variant(
+    "gmsh-8-quasi": Variant(
         FRONTAL_QUADS | BLOSSOM | {"General.AbortOnError": 0.0}, ("QuadQuasiStructured", 1)
     ),
+    # It meshes twice as coarsely and halves all edges, those of the boundary, too.
+    "gmsh-quasi": Variant(QUASI | {"General.AbortOnError": 0.0}),
 }  # fmt: skip
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -10,7 +11,7 @@ from envs.types import Domain
 from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, of_mesh
 from freemesh_ray.compare.our_mesher import MeshDomain
-from freemesh_ray.compare.peers import PEERS
+from freemesh_ray.compare.peers import PEERS, Peer
 
 
 @dataclass(frozen=True)
@@ -41,18 +42,44 @@ def ours(make: MeshDomain) -> Mesher:
     return Mesher(OURS, run)
 
 
-def installed_peers(names: Sequence[str], note: Callable[[str], None]) -> list[Mesher]:
-    """The peers of these names that are installed; for each package that is not, ``note`` is called with one line."""
+@dataclass(frozen=True)
+class Peers:
+    """The peers that were asked for.
+
+    Attributes:
+        meshers: those that are there.
+        absent: the others' names -> why, and what brings them.
+    """
+
+    meshers: Sequence[Mesher]
+    absent: Mapping[str, str]
+
+
+def installed_peers(names: Sequence[str], note: Callable[[str], None]) -> Peers:
+    """The peers of these names; for each package that is not installed ``note`` is called with one line."""
     wanted = {name: PEERS[name] for name in names}
-    missing = set()
-    for needs, package in dict.fromkeys((peer.needs, peer.package) for peer in wanted.values()):
-        try:
-            import_module(needs)
-        except (ImportError, OSError) as error:  # OSError: a library that it needs is not there
-            reason = "" if isinstance(error, ModuleNotFoundError) else f" ({error})"
-            note(f"{needs.split('.')[0]} is not installed{reason}: its meshes are left out; pip install {package}")
-            missing.add(needs)
-    return [peer_mesher(name) for name, peer in wanted.items() if peer.needs not in missing]
+    missing: dict[str, str] = {}
+    for peer in {peer.needs: peer for peer in wanted.values()}.values():
+        if what := absence(peer):
+            source = f"it comes with {peer.package}" if peer.program else f"pip install {peer.package}"
+            note(f"{what}: its meshes are left out; {source}")
+            missing[peer.needs] = f"{what}; {source}"
+    return Peers(
+        [peer_mesher(name) for name, peer in wanted.items() if peer.needs not in missing],
+        {name: missing[peer.needs] for name, peer in wanted.items() if peer.needs in missing},
+    )
+
+
+def absence(peer: Peer) -> str:
+    """Why a peer is not there; "" where it is."""
+    if peer.program:
+        return "" if shutil.which(peer.needs) else f"{peer.needs} is not on the path"
+    try:
+        import_module(peer.needs)
+    except (ImportError, OSError) as error:  # OSError: a library that it needs is not there
+        reason = "" if isinstance(error, ModuleNotFoundError) else f" ({error})"
+        return f"{peer.needs.split('.')[0]} is not installed{reason}"
+    return ""
 
 
 def peer_mesher(name: str) -> Mesher:

@@ -15,9 +15,10 @@ class Peer:
     Attributes:
         meaning: how it meshes, in a line.
         module: its file in this package.
-        package: what installs it.
-        needs: what has to be there to import.
+        package: what installs it, for pip; of a program, where it comes from.
+        needs: what has to be there to import; of a program, its name on the path.
         crashes: whether it now and then takes its process down, or a later call there: it is given one of its own.
+        program: whether it is a program, no Python package.
     """
 
     meaning: str
@@ -25,6 +26,7 @@ class Peer:
     package: str
     needs: str
     crashes: bool = False
+    program: bool = False
 
 
 #: Every peer by its name, in the order in which they are listed.
@@ -36,12 +38,19 @@ PEERS: dict[str, Peer] = {
     "gmsh-full-quad": Peer(
         "Blossom full-quad on pairs of boundary segments, which it halves again", "gmsh_mesher", "gmsh", "gmsh"
     ),
-    "gmsh-quasi": Peer(
+    "gmsh-8-quasi": Peer(
         "Frontal-Delaunay for quads, Blossom, then the quasi-structured optimisation",
         "gmsh_mesher", "gmsh", "gmsh", crashes=True,
     ),
+    "gmsh-quasi": Peer(
+        "quasi-structured quads (algorithm 11), which halve every boundary segment",
+        "gmsh_mesher", "gmsh", "gmsh", crashes=True,
+    ),
     "netgen": Peer("Netgen, quad-dominated", "netgen_mesher", "netgen-mesher", "netgen.geom2d"),
+    "fastq": Peer(
+        "Sandia's FASTQ, paving", "fastq_mesher", "SEACAS, https://github.com/sandialabs/seacas", "fastq", program=True
+    ),
 }  # fmt: skip
 
-#: What installs them, each once.
-PACKAGES = tuple(dict.fromkeys(peer.package for peer in PEERS.values()))
+#: What pip installs for them, each once.
+PACKAGES = tuple(dict.fromkeys(peer.package for peer in PEERS.values() if not peer.program))

@@ -1,12 +1,14 @@
-"""The comparison's tables: a brief one for the terminal, Markdown with all metrics, CSV for programs."""
+"""The comparison's tables: a brief one for the terminal, Markdown with all metrics, CSV and JSON for programs."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -60,6 +62,7 @@ LEGEND = """\
 - eta, p5, min: mean, 5th percentile and least element quality
 - min angle, max angle: |least angle - 90| and |largest angle - 90|, degrees
 - SJ: scaled Jacobian; taper: by triangles' areas, as the paper words it
+- boundary: kept, or the points by which the mesher split the given segments, or what it added and lost
 - ms: time of the meshing alone, in means the median; elements/s: in means all elements over all seconds
 - with a star, as the authors' code has them: sing*: vertices, boundary included, of other than 1, 2 or 4 elements;
   min angle*, max angle*: least and largest of the four |angle - 90|; taper*: Verdict's
@@ -94,21 +97,31 @@ def line(row: Row) -> str:
         return f"{row.domain}  {row.mesher}: failed: {row.failure}"
     found = row.figures
     triangles = f" ({found['triangles']:.0f} of them triangles)" if found["triangles"] else ""
+    boundary = f", boundary {row.boundary}" if row.boundary and not row.boundary.kept else ""
     return (
         f"{row.domain}  {row.mesher}: {found['elements']:.0f} elements{triangles}, "
         f"eta {number(found['eta'], '.3f')}, {found['singularity']:.0f} irregular, "
-        f"{number(1e3 * found['seconds'], '.0f')} ms"
+        f"{number(1e3 * found['seconds'], '.0f')} ms{boundary}"
     )
 
 
-def text(rows: Sequence[Row]) -> str:
-    """All tables in Markdown with all metrics, and what the columns are."""
-    return f"{tables(rows, FULL)}\n\n{LEGEND}"
+def text(rows: Sequence[Row], absent: Mapping[str, str] = MappingProxyType({})) -> str:
+    """All tables in Markdown with all metrics, who took no part, and what the columns are."""
+    return "\n\n".join([tables(rows, FULL), *absences(absent, FULL), LEGEND])
 
 
-def summary(rows: Sequence[Row]) -> str:
-    """All tables in plain text with the figures that tell most."""
-    return tables(rows, BRIEF)
+def summary(rows: Sequence[Row], absent: Mapping[str, str] = MappingProxyType({})) -> str:
+    """All tables in plain text with the figures that tell most, and who took no part."""
+    return "\n\n".join([tables(rows, BRIEF), *absences(absent, BRIEF)])
+
+
+def absences(absent: Mapping[str, str], layout: Layout) -> list[str]:
+    """The peers that took no part, a line for each reason; nothing where all did."""
+    lines = []
+    for reason in distinct(absent.values()):
+        names = ", ".join(name for name, why in absent.items() if why == reason)
+        lines.append(f"- {layout.text(f'{names}: {reason}')}")
+    return [f"Not compared:\n\n{chr(10).join(lines)}"] if lines else []
 
 
 def tables(rows: Sequence[Row], layout: Layout) -> str:
@@ -127,9 +140,7 @@ def tables(rows: Sequence[Row], layout: Layout) -> str:
 def domain_table(rows: Sequence[Row], layout: Layout) -> str:
     """The meshers on one domain, and below the table why some have no mesh."""
     lines = [
-        [row.mesher, *cells(plain(row.figures), layout), "kept" if row.keeps_boundary else "CHANGED"]
-        for row in rows
-        if row.figures is not None
+        [row.mesher, *cells(plain(row.figures), layout), str(row.boundary)] for row in rows if row.figures is not None
     ]
     header = ["mesher", *(title for title, _ in layout.columns.values()), "boundary"]
     parts = [layout.heading + layout.text(rows[0].domain)]
@@ -187,19 +198,41 @@ def distinct(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def write(folder: Path, rows: Sequence[Row]) -> None:
-    """Write ``comparison.md`` and ``comparison.csv``, each as a whole.
+def write(folder: Path, rows: Sequence[Row], absent: Mapping[str, str] = MappingProxyType({})) -> None:
+    """Write ``comparison.md``, ``comparison.csv`` and ``comparison.json``, each as a whole.
 
     Raises:
         OutputError: the folder cannot be written to.
     """
     with replacing(folder / "comparison.md") as draft:
-        draft.write_text(text(rows), encoding="utf-8")
-    keys = distinct(key for row in rows if row.figures is not None for key in row.figures)
-    lines = [
-        [row.domain, row.mesher, *((row.figures or {}).get(key) for key in keys), int(row.keeps_boundary), row.failure]
-        for row in rows
-    ]
+        draft.write_text(text(rows, absent), encoding="utf-8")
+    found = [values(row) for row in rows]
+    keys = distinct(key for each in found for key in each)
     with replacing(folder / "comparison.csv") as draft:
-        table = csv_text(["domain", "mesher", *keys, "keeps_boundary", "failure"], lines)
+        table = csv_text(keys, [[each.get(key) for key in keys] for each in found])
         draft.write_text(table, encoding="utf-8", newline="")
+    with replacing(folder / "comparison.json") as draft:
+        content = {
+            "rows": [{key: finite(value) for key, value in each.items()} for each in found],
+            "absent": {**absent},
+        }
+        draft.write_text(f"{json.dumps(content, indent=1, allow_nan=False)}\n", encoding="utf-8")
+
+
+def values(row: Row) -> dict[str, str | float | None]:
+    """A row for programs: names, figures, what became of the boundary, and what went wrong, if anything did."""
+    change = row.boundary
+    return {
+        "domain": row.domain,
+        "mesher": row.mesher,
+        **(row.figures or {}),
+        "keeps_boundary": int(change is not None and change.kept),
+        "boundary_points_added": change.added if change else None,
+        "boundary_points_lost": change.lost if change else None,
+        "failure": row.failure,
+    }
+
+
+def finite(value: str | float | None) -> str | float | None:
+    """The value as JSON has it: nothing for what is no finite number."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from freemesh_ray.compare.boundary_change import BoundaryChange
 from freemesh_ray.compare.mixed_mesh import MixedMesh
 from freemesh_ray.meshes.metrics import measure
 
@@ -18,14 +19,14 @@ class Row:
         domain: the domain's name.
         mesher: the mesher's.
         figures: of its mesh, by the names of :func:`figures`; None when it failed.
-        keeps_boundary: whether the mesh has exactly the given boundary segments.
+        boundary: what became of the given boundary; None when it failed.
         failure: why there is no mesh; "" when there is.
     """
 
     domain: str
     mesher: str
     figures: Mapping[str, float] | None
-    keeps_boundary: bool
+    boundary: BoundaryChange | None
     failure: str
 
 
