@@ -121,7 +121,7 @@ def rows(mesher: Mesher, domain: Domain) -> list[tuple[Row, MixedMesh | None]]:
     """A mesher's rows for a domain, with their meshes; a failure is a row without."""
     try:
         return [
-            (Row(domain.name, mesh.mesher, figures(mesh), boundary_change(mesh, domain), ""), mesh)
+            (Row(domain.name, mesh.mesher, figures(mesh, domain), boundary_change(mesh, domain), ""), mesh)
             for mesh in mesher.run(domain)
         ]
     except (PeerError, MeshingError) as error:

@@ -72,7 +72,10 @@ def cards(domain: Domain) -> str:
     if (count := sum(map(len, rings))) > MOST_POINTS:
         raise PeerError(f"{count:,} boundary points, {MOST_POINTS:,} at most")
     rings.sort(key=lambda ring: -abs(signed_area(domain.points[ring])))
-    points, lines, sides, regions = [], [], [], []
+    points: list[str] = []
+    lines: list[str] = []
+    sides: list[str] = []
+    regions: list[str] = []
     number = 1
     for region, ring in enumerate(rings, 1):
         last = number + len(ring) - 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -25,6 +26,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "triangles": ("tri", ".1f"),
     "non_convex": ("bent", ".1f"),
     "singularity": ("sing", ".0f"),
+    "singularity_least": ("least", ".0f"),
     "singularity_authors": ("sing*", ".0f"),
     "eta": ("eta", ".3f"),
     "eta_p5": ("p5", ".2f"),
@@ -33,10 +35,16 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "min_angle_authors": ("min angle*", ".2f"),
     "max_angle": ("max angle", ".1f"),
     "max_angle_authors": ("max angle*", ".2f"),
+    "angles_45_135": ("45-135", ".1%"),
+    "angles_60_120": ("60-120", ".1%"),
     "scaled_jacobian": ("SJ", ".3f"),
     "stretch": ("stretch", ".3f"),
     "taper": ("taper*", ".3f"),
     "taper_paper": ("taper", ".3f"),
+    "longest_edge": ("edge/h", ".2f"),
+    "elements_over_wanted": ("count", ".2f"),
+    "sized_share": ("sized", ".1%"),
+    "neighbour_ratio": ("ratio", ".2f"),
     "milliseconds": ("ms", ".1f"),
     "elements_per_second": ("elements/s", ",.0f"),
 }
@@ -44,24 +52,47 @@ COLUMNS: dict[str, tuple[str, str]] = {
 #: Figure -> column, format: what the terminal shows.
 BRIEF_COLUMNS: dict[str, tuple[str, str]] = {
     "elements": ("elements", ".0f"),
-    "triangles": ("triangles", ".1f"),
+    "triangles": ("tri", ".1f"),
     "singularity": ("irregular", ".0f"),
+    "singularity_least": ("least", ".0f"),
     "eta": ("eta", ".3f"),
-    "eta_p5": ("eta p5", ".3f"),
-    "eta_min": ("eta min", ".3f"),
-    "scaled_jacobian": ("scaled Jac.", ".3f"),
+    "eta_p5": ("p5", ".3f"),
+    "eta_min": ("min", ".3f"),
+    "angles_60_120": ("60-120", ".1%"),
+    "longest_edge": ("edge/h", ".2f"),
+    "elements_over_wanted": ("count", ".2f"),
+    "sized_share": ("sized", ".1%"),
     "milliseconds": ("ms", ".1f"),
 }
+
+#: Figure -> how far a value is from the best there can be, for those of which one is better than another.
+MISSED: dict[str, Callable[[float], float]] = {
+    **dict.fromkeys(
+        ("triangles", "non_convex", "singularity", "singularity_authors", "min_angle", "min_angle_authors",
+         "max_angle", "max_angle_authors", "taper", "taper_paper", "longest_edge", "neighbour_ratio", "milliseconds"),
+        lambda value: value,
+    ),
+    **dict.fromkeys(
+        ("eta", "eta_p5", "eta_min", "angles_45_135", "angles_60_120", "scaled_jacobian", "stretch", "sized_share",
+         "elements_per_second"),
+        lambda value: -value,
+    ),
+    "elements_over_wanted": lambda value: abs(value - 1.0),
+}  # fmt: skip
 
 #: Means of these have a decimal, their values have none.
 COUNTS = ("triangles", "non_convex")
 
 LEGEND = """\
 - tri: triangles among the elements; bent: elements with a corner of 180 degrees or more
-- sing: interior vertices whose valence is not 4
+- sing: interior vertices whose valence is not 4; least: those that the boundary asks for
 - eta, p5, min: mean, 5th percentile and least element quality
 - min angle, max angle: |least angle - 90| and |largest angle - 90|, degrees
 - SJ: scaled Jacobian; taper: by triangles' areas, as the paper words it
+- 45-135, 60-120: share of the quadrilaterals whose four angles lie there, degrees
+- edge/h: longest edge over the length wanted there, the boundary's own at the boundary; count: elements over the area's
+  squares of that length; sized: share of the elements whose mean edge is within 25 % of it; ratio: 99th percentile of
+  the larger over the smaller mean edge of two neighbours
 - boundary: kept, or the points by which the mesher split the given segments, or what it added and lost
 - ms: time of the meshing alone, in means the median; elements/s: in means all elements over all seconds
 - with a star, as the authors' code has them: sing*: vertices, boundary included, of other than 1, 2 or 4 elements;
@@ -69,6 +100,11 @@ LEGEND = """\
 
 Element metrics are means over the quadrilaterals.
 """
+
+
+BRIEF_LEGEND = """\
+least: irregular nodes that the boundary asks for. 60-120: elements with all angles there. Against h, the edge length
+wanted: edge/h the longest edge, count the elements over area / h^2, sized those whose mean edge is within 25 %."""
 
 
 @dataclass(frozen=True)
@@ -80,15 +116,18 @@ class Layout:
         table: header and rows -> text.
         heading: before a table's title.
         text: a name, or what went wrong, as it may stand outside of tables.
+        width: characters of a line of prose.
     """
 
     columns: Mapping[str, tuple[str, str]]
     table: Callable[[Sequence[str], Sequence[Sequence[str]]], str]
     heading: str
     text: Callable[[str], str]
+    width: int
 
 
-FULL, BRIEF = Layout(COLUMNS, markdown, "### ", escaped), Layout(BRIEF_COLUMNS, table, "", printable)
+FULL = Layout(COLUMNS, markdown, "### ", escaped, 10_000)
+BRIEF = Layout(BRIEF_COLUMNS, table, "", printable, 118)
 
 
 def line(row: Row) -> str:
@@ -112,7 +151,7 @@ def text(rows: Sequence[Row], absent: Mapping[str, str] = MappingProxyType({})) 
 
 def summary(rows: Sequence[Row], absent: Mapping[str, str] = MappingProxyType({})) -> str:
     """All tables in plain text with the figures that tell most, and who took no part."""
-    return "\n\n".join([tables(rows, BRIEF), *absences(absent, BRIEF)])
+    return "\n\n".join([tables(rows, BRIEF), *absences(absent, BRIEF), BRIEF_LEGEND])
 
 
 def absences(absent: Mapping[str, str], layout: Layout) -> list[str]:
@@ -146,6 +185,7 @@ def domain_table(rows: Sequence[Row], layout: Layout) -> str:
     parts = [layout.heading + layout.text(rows[0].domain)]
     if lines:
         parts.append(layout.table(header, lines))
+        parts += best({row.mesher: plain(row.figures) for row in rows if row.figures is not None}, layout)
     if failures := [f"- {layout.text(f'{row.mesher} failed: {row.failure}')}" for row in rows if row.figures is None]:
         parts.append("\n".join(failures))
     return "\n\n".join(parts)
@@ -153,12 +193,32 @@ def domain_table(rows: Sequence[Row], layout: Layout) -> str:
 
 def mean_table(rows: Sequence[Row], domains: Sequence[str], title: str, layout: Layout) -> str:
     """Each mesher's means over its domains."""
-    lines = []
+    lines, whole = [], {}
     for mesher in distinct(row.mesher for row in rows):
         own = [row.figures for row in rows if row.mesher == mesher and row.figures is not None]
         lines.append([mesher, *cells(means(own), layout), f"{len(own)}/{len(domains)}"])
+        if len(own) == len(domains):
+            whole[mesher] = means(own)
     header = ["mesher", *(name for name, _ in layout.columns.values()), "domains"]
-    return f"{layout.heading}{title}\n\n{layout.table(header, lines)}"
+    return "\n\n".join([f"{layout.heading}{title}", layout.table(header, lines), *best(whole, layout)])
+
+
+def best(figures: Mapping[str, Mapping[str, float]], layout: Layout) -> list[str]:
+    """Who is best by each column, as its cells show it, of several meshers that completed all; else nothing."""
+    if len(figures) < 2:
+        return []
+    parts = []
+    for key, (name, form) in layout.columns.items():
+        known = {mesher: each[key] for mesher, each in figures.items() if math.isfinite(each[key])}
+        if key not in MISSED or len(known) < 2:
+            continue
+        least = min(MISSED[key](value) for value in known.values())
+        first = next(value for value in known.values() if MISSED[key](value) == least)
+        shown = cell(key, first, form)
+        winners = [mesher for mesher, value in known.items() if cell(key, value, form) == shown]
+        who = "all" if len(winners) == len(known) else ", ".join(winners)
+        parts.append(f"{name} {who} ({shown})")
+    return [textwrap.fill(layout.text(f"Best: {'; '.join(parts)}."), layout.width)] if parts else []
 
 
 def means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -180,11 +240,12 @@ def plain(figures: Mapping[str, float]) -> dict[str, float]:
 
 def cells(figures: Mapping[str, float], layout: Layout) -> list[str]:
     """The columns' texts."""
-    found = []
-    for key, (_, form) in layout.columns.items():
-        value = figures[key]
-        found.append(number(value, ".0f" if key in COUNTS and value.is_integer() else form))
-    return found
+    return [cell(key, figures[key], form) for key, (_, form) in layout.columns.items()]
+
+
+def cell(key: str, value: float, form: str) -> str:
+    """A figure's text; counts have no decimals, but means of them do."""
+    return number(value, ".0f" if key in COUNTS and value.is_integer() else form)
 
 
 def completed_by_all(rows: Sequence[Row], domains: Sequence[str]) -> list[str]:

@@ -109,7 +109,7 @@ def test_csv_holds_every_bit(tmp_path: Path) -> None:
     domain = square()
     compare([domain], [Mesher("x", lambda d: [mixed(d, "x", 0.123456789, 1.1)])], tmp_path, lambda row: None)
     (row,) = csv.DictReader(io.StringIO((tmp_path / "comparison.csv").read_text()))
-    for key, value in figures(mixed(domain, "x", 0.123456789, 1.1)).items():
+    for key, value in figures(mixed(domain, "x", 0.123456789, 1.1), domain).items():
         assert float(row[key]) == value
     assert (row["keeps_boundary"], row["boundary_points_added"], row["boundary_points_lost"]) == ("1", "0", "0")
 
@@ -152,7 +152,7 @@ def test_our_mesher_gives_raw_and_finished() -> None:
     raw, finished = squares(domain, 1.3), squares(domain)
     both = ours(lambda d: MeshResult(raw, finished, 0.5, 0.75)).run(domain)
     assert [(mesh.mesher, mesh.seconds) for mesh in both] == [(RAW, 0.5), (OURS, 0.75)]
-    assert figures(both[0])["eta"] < figures(both[1])["eta"] == pytest.approx(1.0)
+    assert figures(both[0], domain)["eta"] < figures(both[1], domain)["eta"] == pytest.approx(1.0)
     (only,) = ours(lambda d: MeshResult(raw, raw, 0.5, 0.5)).run(domain)
     assert only.mesher == OURS
 
@@ -161,7 +161,8 @@ def test_our_mesher_gives_raw_and_finished() -> None:
 
 
 def test_means_are_over_what_each_completed() -> None:
-    first, second = figures(mixed(square("a"), "x", 0.1)), figures(mixed(square("b"), "x", 0.3, 1.4))
+    first = figures(mixed(square("a"), "x", 0.1), square("a"))
+    second = figures(mixed(square("b"), "x", 0.3, 1.4), square("b"))
     found = report.means([first, second])
     assert found["eta"] == pytest.approx((first["eta"] + second["eta"]) / 2)
     assert found["milliseconds"] == pytest.approx(200.0)
@@ -202,7 +203,38 @@ def test_the_summary_fits_a_terminal_and_holds_the_same_figures() -> None:
     good = next(line for line in brief.splitlines() if line.startswith("good")).split()
     columns = [cell.strip() for cell in next(line for line in full.splitlines() if "| good" in line).split("|")]
     assert good[1:3] == columns[2:4]
-    assert good[4] == columns[7]
+    assert good[5] == columns[8]
+
+
+def test_who_is_best_is_told_by_every_column() -> None:
+    meshers = [MESHERS[0], MESHERS[2], Mesher("slow", lambda domain: [mixed(domain, "slow", 2.0, 1.3)])]
+    rows = [row for entry in compare([square("a"), square("b")], meshers, None, lambda row: None) for row in entry.rows]
+    for text in (report.summary(rows), report.text(rows).replace("\\", "")):
+        told = [part.replace("\n", " ") for part in text.split("\n\n") if part.startswith("Best: ")]
+        assert len(told) == 3, "each domain and the means"
+        for line in told:
+            found = dict(part.split(" ", 1) for part in line.removeprefix("Best: ").rstrip(".").split("; "))
+            assert found["tri"] == "good, slow (0)"
+            assert found["irregular" if "irregular" in found else "sing"].startswith("good, slow (0)")
+            assert found["eta"] == "good, halves (1.000)"
+            assert found["ms"] == "halves (100.0)"
+            assert found["count"].startswith("good, slow (1.00)")
+            assert "elements" not in found
+
+
+def test_nobody_is_best_alone() -> None:
+    rows = [row for entry in compare([square()], MESHERS[:2], None, lambda row: None) for row in entry.rows]
+    assert "Best:" not in report.text(rows)
+
+
+def test_sizes_and_angles_are_measured_against_the_boundary() -> None:
+    found = figures(finer(square()), square())
+    assert found["longest_edge"] == pytest.approx(0.5)
+    assert found["elements_over_wanted"] == pytest.approx(4.0)
+    assert (found["sized_share"], found["neighbour_ratio"]) == (0.0, pytest.approx(1.0))
+    assert found["angles_60_120"] == found["angles_45_135"] == 1.0
+    found = figures(mixed(square(), "x"), square())
+    assert [found[key] for key in ("longest_edge", "elements_over_wanted", "sized_share")] == pytest.approx([1, 1, 1])
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------
