@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from envs.errors import UserError
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy
 from freemesh_ray.compare.peers import PACKAGES, PEERS
 from freemesh_ray.formatting.terminal import note, say
@@ -21,6 +22,7 @@ examples:
   freemesh compare D7 D8 D9 --out comparison
   freemesh compare part-1 part-2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
   freemesh compare part-{{1..100}} --peers gmsh-8 --out parts --no-pictures
+  freemesh compare part-1 --peers gmsh-8,gmsh-quasi --match-elements
   freemesh compare D7 --mesh pave=d7.inp --policy none
 
 peers:
@@ -56,6 +58,9 @@ def add(commands: Any) -> None:
                          help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
     compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
                          help="a mesh of another program: .inp, .msh, .vtu, .bdf and more; repeatable")  # fmt: skip
+    compare.add_argument("--match-elements", action="store_true",
+                         help="vary the peers' sizes inside, the boundary kept, until they have as many elements as our"
+                         " mesh, within 5%%")  # fmt: skip
     add_policy(compare, more=f", or {NONE}")
     add_fix_parity(compare)
 
@@ -74,6 +79,8 @@ def run(options: argparse.Namespace) -> int:
     folder = Path(options.out) if options.out else None
     if folder is not None:
         check_writable(folder / "comparison.md", parents=True)
+    if options.match_elements and options.policy == NONE:
+        raise UserError("--match-elements matches the elements of our mesh: leave --policy none out")
     domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]
@@ -82,7 +89,13 @@ def run(options: argparse.Namespace) -> int:
     if not columns:
         raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
     done = compare(
-        domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures, absent=peers.absent
+        domains,
+        columns,
+        folder,
+        lambda row: note(report.line(row)),
+        drawn=options.pictures,
+        absent=peers.absent,
+        matched=options.match_elements,
     )
     note()
     say(report.summary([row for entry in done for row in entry.rows], peers.absent))

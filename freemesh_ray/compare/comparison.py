@@ -13,6 +13,7 @@ from envs.types import Domain, DomainError, Floats
 from freemesh_ray import plots
 from freemesh_ray.compare import report
 from freemesh_ray.compare.boundary_change import boundary_change
+from freemesh_ray.compare.matching import Match, match
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
 from freemesh_ray.compare.pooled import pooled
@@ -52,6 +53,7 @@ def compare(
     *,
     drawn: bool = True,
     absent: Mapping[str, str] = MappingProxyType({}),
+    matched: bool = False,
 ) -> list[Compared]:
     """Run all meshers on all domains; an interrupt leaves the tables and pictures of what is finished.
 
@@ -62,6 +64,7 @@ def compare(
             None: nowhere.
         report_row: called with each row as it is finished.
         drawn: whether there are pictures.
+        matched: whether the others' numbers of elements are matched to those of the first's last mesh of a domain.
         absent: peers that take no part -> why; the tables tell it.
 
     Raises:
@@ -75,7 +78,8 @@ def compare(
             compared = Compared(domain, [], [])
             done.append(compared)
             for mesher in meshers:
-                for row, mesh in rows(mesher, domain):
+                wanted = elements_of(meshers[0].name, compared) if matched and mesher is not meshers[0] else None
+                for row, mesh in rows(mesher, domain, wanted):
                     compared.rows.append(row)
                     if mesh is not None:
                         compared.meshes.append(mesh)
@@ -117,15 +121,39 @@ def panel_label(row: Row) -> str:
     return f"{row.mesher} (boundary {f'+{row.boundary.added} points' if row.boundary.split else 'changed'})"
 
 
-def rows(mesher: Mesher, domain: Domain) -> list[tuple[Row, MixedMesh | None]]:
-    """A mesher's rows for a domain, with their meshes; a failure is a row without."""
+def rows(mesher: Mesher, domain: Domain, wanted: int | None = None) -> list[tuple[Row, MixedMesh | None]]:
+    """A mesher's rows for a domain, with their meshes; a failure is a row without.
+
+    Args:
+        mesher: it.
+        domain: it.
+        wanted: elements to match; 0 where there is nothing to match, None where nothing is to be matched.
+    """
+    remark = ""
     try:
+        if wanted and mesher.resized:
+            return [matched_row(match(mesher.resized, domain, wanted), domain)]
+        if wanted is not None:
+            remark = f"not matched: {'its sizes cannot be varied' if wanted else 'there is no mesh to match'}"
         return [
-            (Row(domain.name, mesh.mesher, figures(mesh, domain), boundary_change(mesh, domain), ""), mesh)
+            (Row(domain.name, mesh.mesher, figures(mesh, domain), boundary_change(mesh, domain), "", remark), mesh)
             for mesh in mesher.run(domain)
         ]
     except (PeerError, MeshingError) as error:
         return [(Row(domain.name, mesher.name, None, None, str(error).replace("\n", " ")), None)]
+
+
+def matched_row(found: Match, domain: Domain) -> tuple[Row, MixedMesh]:
+    """The row of a mesh whose number of elements was matched, or was to be, with the mesh."""
+    mesh = found.mesh
+    values = figures(mesh, domain) | {"size_factor": found.factor, "matched_share": found.share}
+    remark = "" if found.reached else str(found)
+    return Row(domain.name, mesh.mesher, values, boundary_change(mesh, domain), "", remark), mesh
+
+
+def elements_of(mesher: str, compared: Compared) -> int:
+    """Elements of a mesher's mesh of a domain; 0 where it has none."""
+    return next((len(mesh) for mesh in compared.meshes if mesh.mesher == mesher), 0)
 
 
 def file_name(name: str) -> str:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from importlib import import_module
 
 from envs.types import Domain
-from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
+from freemesh_ray.compare.child_process import ChildDiedError, Limits, in_child_process
+from freemesh_ray.compare.matching import Resized
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, of_mesh
 from freemesh_ray.compare.our_mesher import MeshDomain
 from freemesh_ray.compare.peers import PEERS, Peer
@@ -21,11 +22,16 @@ class Mesher:
     Attributes:
         name: what tables and pictures call it.
         run: its meshes of a domain, most often one; raises PeerError or MeshingError.
+        resized: how its sizes are varied on a fixed boundary, to match numbers of elements; None where they cannot be.
     """
 
     name: str
     run: Callable[[Domain], Sequence[MixedMesh]]
+    resized: Resized | None = None
 
+
+#: What a peer in a process of its own may take.
+LIMITS = Limits(memory=32 * 2**30, seconds=300)
 
 #: Our mesher's name, and that of its meshes before anything follows the policy.
 OURS, RAW = "freemesh", "freemesh raw"
@@ -84,21 +90,30 @@ def absence(peer: Peer) -> str:
 
 def peer_mesher(name: str) -> Mesher:
     """The peer of a name."""
-    return Mesher(name, lambda domain: [peer_mesh(domain, name)])
+    return Mesher(
+        name,
+        lambda domain: [peer_mesh(domain, name)],
+        (lambda domain, factor: peer_mesh(domain, name, factor)) if PEERS[name].sized else None,
+    )
 
 
-def peer_mesh(domain: Domain, name: str) -> MixedMesh:
+def peer_mesh(domain: Domain, name: str, *factor: float) -> MixedMesh:
     """A peer's mesh of a domain; the time measured is that of the meshing alone.
+
+    Args:
+        domain: what to mesh.
+        name: the peer's.
+        factor: of the sizes inside, for those whose sizes can be varied; none: its own.
 
     Raises:
         PeerError: it failed, or its process died.
         ImportError: it is not installed.
     """
     peer = PEERS[name]
-    mesh: Callable[[Domain, str], MixedMesh] = import_module(f"freemesh_ray.compare.{peer.module}").mesh
+    mesh: Callable[..., MixedMesh] = import_module(f"freemesh_ray.compare.{peer.module}").mesh
     if not peer.crashes:
-        return mesh(domain, name)
+        return mesh(domain, name, *factor)
     try:
-        return in_child_process(mesh, domain, name)
+        return in_child_process(mesh, domain, name, *factor, limits=LIMITS)
     except ChildDiedError:
-        raise PeerError("crashed") from None
+        raise PeerError(f"crashed, or took more than {LIMITS.seconds} s of processor time") from None

@@ -6,7 +6,7 @@ import json
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
@@ -47,6 +47,8 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "neighbour_ratio": ("ratio", ".2f"),
     "milliseconds": ("ms", ".1f"),
     "elements_per_second": ("elements/s", ",.0f"),
+    "size_factor": ("size x", ".2f"),
+    "matched_share": ("of ours", ".0%"),
 }
 
 #: Figure -> column, format: what the terminal shows.
@@ -63,7 +65,12 @@ BRIEF_COLUMNS: dict[str, tuple[str, str]] = {
     "elements_over_wanted": ("count", ".2f"),
     "sized_share": ("sized", ".1%"),
     "milliseconds": ("ms", ".1f"),
+    "size_factor": ("size x", ".2f"),
+    "matched_share": ("of ours", ".0%"),
 }
+
+#: Columns that are there only where numbers of elements were matched.
+MATCHED = ("size_factor", "matched_share")
 
 #: Figure -> how far a value is from the best there can be, for those of which one is better than another.
 MISSED: dict[str, Callable[[float], float]] = {
@@ -93,6 +100,8 @@ LEGEND = """\
 - edge/h: longest edge over the length wanted there, the boundary's own at the boundary; count: elements over the area's
   squares of that length; sized: share of the elements whose mean edge is within 25 % of it; ratio: 99th percentile of
   the larger over the smaller mean edge of two neighbours
+- size x: the factor of the sizes inside at which numbers of elements were matched, 1 for the mesher's own sizes; of
+  ours: elements over those to match
 - boundary: kept, or the points by which the mesher split the given segments, or what it added and lost
 - ms: time of the meshing alone, in means the median; elements/s: in means all elements over all seconds
 - with a star, as the authors' code has them: sing*: vertices, boundary included, of other than 1, 2 or 4 elements;
@@ -140,7 +149,7 @@ def line(row: Row) -> str:
     return (
         f"{row.domain}  {row.mesher}: {found['elements']:.0f} elements{triangles}, "
         f"eta {number(found['eta'], '.3f')}, {found['singularity']:.0f} irregular, "
-        f"{number(1e3 * found['seconds'], '.0f')} ms{boundary}"
+        f"{number(1e3 * found['seconds'], '.0f')} ms{boundary}{f'; {row.remark}' if row.remark else ''}"
     )
 
 
@@ -176,8 +185,16 @@ def tables(rows: Sequence[Row], layout: Layout) -> str:
     return "\n\n".join(parts)
 
 
+def trimmed(layout: Layout, rows: Sequence[Row]) -> Layout:
+    """The layout without the columns of a match where nothing was matched."""
+    if any(row.figures and MATCHED[0] in row.figures for row in rows):
+        return layout
+    return replace(layout, columns={key: column for key, column in layout.columns.items() if key not in MATCHED})
+
+
 def domain_table(rows: Sequence[Row], layout: Layout) -> str:
-    """The meshers on one domain, and below the table why some have no mesh."""
+    """The meshers on one domain, and below the table why some have no mesh, or one that was not matched."""
+    layout = trimmed(layout, rows)
     lines = [
         [row.mesher, *cells(plain(row.figures), layout), str(row.boundary)] for row in rows if row.figures is not None
     ]
@@ -186,14 +203,16 @@ def domain_table(rows: Sequence[Row], layout: Layout) -> str:
     if lines:
         parts.append(layout.table(header, lines))
         parts += best({row.mesher: plain(row.figures) for row in rows if row.figures is not None}, layout)
-    if failures := [f"- {layout.text(f'{row.mesher} failed: {row.failure}')}" for row in rows if row.figures is None]:
-        parts.append("\n".join(failures))
+    told = [f"{row.mesher} failed: {row.failure}" for row in rows if row.figures is None]
+    told += [f"{row.mesher}: {row.remark}" for row in rows if row.remark]
+    if told:
+        parts.append("\n".join(f"- {layout.text(each)}" for each in told))
     return "\n\n".join(parts)
 
 
 def mean_table(rows: Sequence[Row], domains: Sequence[str], title: str, layout: Layout) -> str:
     """Each mesher's means over its domains."""
-    lines, whole = [], {}
+    layout, lines, whole = trimmed(layout, rows), [], {}
     for mesher in distinct(row.mesher for row in rows):
         own = [row.figures for row in rows if row.mesher == mesher and row.figures is not None]
         lines.append([mesher, *cells(means(own), layout), f"{len(own)}/{len(domains)}"])
@@ -209,8 +228,10 @@ def best(figures: Mapping[str, Mapping[str, float]], layout: Layout) -> list[str
         return []
     parts = []
     for key, (name, form) in layout.columns.items():
+        if key not in MISSED:
+            continue
         known = {mesher: each[key] for mesher, each in figures.items() if math.isfinite(each[key])}
-        if key not in MISSED or len(known) < 2:
+        if len(known) < 2:
             continue
         least = min(MISSED[key](value) for value in known.values())
         first = next(value for value in known.values() if MISSED[key](value) == least)
@@ -225,7 +246,8 @@ def means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Means of the figures of several meshes; ms is the median, elements/s all elements over all seconds."""
     if not figures:
         return dict.fromkeys(COLUMNS, math.nan)
-    found = {key: float(np.mean([entry[key] for entry in figures])) for key in figures[0]}
+    keys = distinct(key for entry in figures for key in entry)
+    found = {key: float(np.mean([entry[key] for entry in figures if key in entry])) for key in keys}
     seconds = np.array([entry["seconds"] for entry in figures])
     elements = sum(entry["elements"] for entry in figures)
     found["milliseconds"] = float(1e3 * np.median(seconds))
@@ -240,7 +262,7 @@ def plain(figures: Mapping[str, float]) -> dict[str, float]:
 
 def cells(figures: Mapping[str, float], layout: Layout) -> list[str]:
     """The columns' texts."""
-    return [cell(key, figures[key], form) for key, (_, form) in layout.columns.items()]
+    return [cell(key, figures.get(key, math.nan), form) for key, (_, form) in layout.columns.items()]
 
 
 def cell(key: str, value: float, form: str) -> str:
@@ -291,6 +313,7 @@ def values(row: Row) -> dict[str, str | float | None]:
         "boundary_points_added": change.added if change else None,
         "boundary_points_lost": change.lost if change else None,
         "failure": row.failure,
+        "remark": row.remark,
     }
 
 

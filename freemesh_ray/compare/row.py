@@ -24,6 +24,7 @@ class Row:
         figures: of its mesh, by the names of :func:`figures`; None when it failed.
         boundary: what became of the given boundary; None when it failed.
         failure: why there is no mesh; "" when there is.
+        remark: what is to be known of it beside its figures; "" for nothing.
     """
 
     domain: str
@@ -31,6 +32,7 @@ class Row:
     figures: Mapping[str, float] | None
     boundary: BoundaryChange | None
     failure: str
+    remark: str = ""
 
 
 def figures(mesh: MixedMesh, domain: Domain) -> dict[str, float]:

@@ -111,7 +111,7 @@ def angles_within(mesh: PlaneMesh, low: float, high: float) -> float:
     """The share of the quadrilaterals whose four inner angles lie in [low, high] degrees; NaN when there are none."""
     angles = inner_angles(mesh.vertices[mesh.quads])
     inside = (angles >= low - ROUND_OFF) & (angles <= high + ROUND_OFF)
-    return _over(inside.all(axis=1).astype(np.float64))
+    return _over(np.array(inside.all(axis=1), dtype=np.float64))
 
 
 def scaled_jacobian(corners: Floats) -> Floats:
