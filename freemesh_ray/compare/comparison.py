@@ -13,7 +13,7 @@ from envs.types import Domain, DomainError, Floats
 from freemesh_ray import plots
 from freemesh_ray.compare import report
 from freemesh_ray.compare.boundary_change import boundary_change
-from freemesh_ray.compare.matching import Match, match
+from freemesh_ray.compare.matching import CANNOT_VARY, NOTHING_TO_MATCH, Match, match
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
 from freemesh_ray.compare.pooled import pooled
@@ -134,7 +134,7 @@ def rows(mesher: Mesher, domain: Domain, wanted: int | None = None) -> list[tupl
         if wanted and mesher.resized:
             return [matched_row(match(mesher.resized, domain, wanted), domain)]
         if wanted is not None:
-            remark = f"not matched: {'its sizes cannot be varied' if wanted else 'there is no mesh to match'}"
+            remark = f"not matched: {CANNOT_VARY if wanted else NOTHING_TO_MATCH}"
         return [
             (Row(domain.name, mesh.mesher, figures(mesh, domain), boundary_change(mesh, domain), "", remark), mesh)
             for mesh in mesher.run(domain)

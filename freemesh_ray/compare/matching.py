@@ -20,6 +20,9 @@ TRIES = 10
 #: The factors that are tried, and how near to each other two of them are not told apart.
 LEAST, MOST, SAME = 0.2, 5.0, 1.005
 
+#: Why a mesh is not matched.
+CANNOT_VARY, NOTHING_TO_MATCH = "its sizes cannot be varied", "there is no mesh to match"
+
 #: A mesh of a domain whose sizes inside are a factor times those wanted; 1 leaves them to the mesher.
 Resized = Callable[[Domain, float], MixedMesh]
 
