@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.errors import UserError
-from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy
+from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive
 from freemesh_ray.compare.peers import PACKAGES, PEERS
 from freemesh_ray.formatting.terminal import note, say
 
@@ -22,7 +22,7 @@ examples:
   freemesh compare D7 D8 D9 --out comparison
   freemesh compare part-1 part-2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
   freemesh compare part-{{1..100}} --peers gmsh-8 --out parts --no-pictures
-  freemesh compare part-1 --peers gmsh-8,gmsh-quasi --match-elements
+  freemesh compare plate.dxf --edge-length 0.5 --peers gmsh-8,gmsh-quasi --match-elements
   freemesh compare D7 --mesh pave=d7.inp --policy none
 
 peers:
@@ -61,6 +61,8 @@ def add(commands: Any) -> None:
     compare.add_argument("--match-elements", action="store_true",
                          help="vary the peers' sizes inside, the boundary kept, until they have as many elements as our"
                          " mesh, within 5%%")  # fmt: skip
+    compare.add_argument("--edge-length", type=positive, metavar="L",
+                         help="split the outlines into segments of about this length first, for all alike")  # fmt: skip
     add_policy(compare, more=f", or {NONE}")
     add_fix_parity(compare)
 
@@ -81,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
         check_writable(folder / "comparison.md", parents=True)
     if options.match_elements and options.policy == NONE:
         raise UserError("--match-elements matches the elements of our mesh: leave --policy none out")
-    domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
+    domains = [load(name, fix_parity=options.fix_parity, edge_length=options.edge_length) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]
     peers = meshers.installed_peers(options.peers, note)

@@ -223,7 +223,7 @@ def mean_table(rows: Sequence[Row], domains: Sequence[str], title: str, layout: 
 
 
 def best(figures: Mapping[str, Mapping[str, float]], layout: Layout) -> list[str]:
-    """Who is best by each column, as its cells show it, of several meshers that completed all; else nothing."""
+    """Who is best by each column, as its cells show it, of meshers that completed all; nothing where all are."""
     if len(figures) < 2:
         return []
     parts = []
@@ -237,8 +237,8 @@ def best(figures: Mapping[str, Mapping[str, float]], layout: Layout) -> list[str
         first = next(value for value in known.values() if MISSED[key](value) == least)
         shown = cell(key, first, form)
         winners = [mesher for mesher, value in known.items() if cell(key, value, form) == shown]
-        who = "all" if len(winners) == len(known) else ", ".join(winners)
-        parts.append(f"{name} {who} ({shown})")
+        if len(winners) < len(known):
+            parts.append(f"{name} {', '.join(winners)} ({shown})")
     return [textwrap.fill(layout.text(f"Best: {'; '.join(parts)}."), layout.width)] if parts else []
 
 

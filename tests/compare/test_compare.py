@@ -222,8 +222,11 @@ def test_who_is_best_is_told_by_every_column() -> None:
             assert "elements" not in found
 
 
-def test_nobody_is_best_alone() -> None:
+def test_nobody_is_best_alone_or_where_all_are() -> None:
     rows = [row for entry in compare([square()], MESHERS[:2], None, lambda row: None) for row in entry.rows]
+    assert "Best:" not in report.text(rows)
+    twin = Mesher("twin", lambda domain: [mixed(domain, "twin")])
+    rows = [row for entry in compare([square()], [MESHERS[0], twin], None, lambda row: None) for row in entry.rows]
     assert "Best:" not in report.text(rows)
 
 
@@ -311,6 +314,20 @@ def test_ours_and_a_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert {path.name for path in Path("found").iterdir()} == {
         "comparison.md", "comparison.csv", "comparison.json", "square.png", "boxes.png",
     }  # fmt: skip
+
+
+def test_an_outline_is_split_for_all_alike(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("outline.wkt").write_text("POLYGON((0 0, 3 0, 3 2, 0 2, 0 0))")
+    grid = from_rings([[0, 0], [1, 0], [2, 0], [3, 0], [3, 1], [3, 2], [2, 2], [1, 2], [0, 2], [0, 1]])
+    quads = np.array([[0, 1, 10, 9], [1, 2, 11, 10], [2, 3, 4, 11], [9, 10, 7, 8], [10, 11, 6, 7], [11, 4, 5, 6]])
+    mesh = Mesh("grid", np.vstack([grid.points, [[1, 1], [2, 1]]]), quads, grid.segments, True)
+    export.write(mesh, "grid.inp")
+    arguments = ["compare", "outline.wkt", "--policy", "none", "--peers", "none", "--mesh", "grid=grid.inp"]
+    assert command.main([*arguments, "--edge-length", "1"]) == 0
+    assert next(line for line in capsys.readouterr().out.splitlines() if line.startswith("grid ")).endswith("  kept")
+    assert command.main(arguments) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("grid "))
+    assert line.endswith("  +6 points")
 
 
 def test_gmsh_on_a_domain_of_the_catalogue(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
