@@ -86,7 +86,7 @@ class Model:
 def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
     """The rings of every plane surface in a Gmsh script."""
     source = str(path)
-    model = model_of(text_of(path), source)
+    model = model_of(text_of(path, errors="replace"), source)
     if not model.curves:
         raise DomainError(f"{source}: no curves; give Point, Line and Plane Surface statements")
     tags = list(dict.fromkeys(tag for curve in model.curves.values() for tag in curve.points))

@@ -17,9 +17,9 @@ from envs.types import DomainError
 TOKEN = re.compile(
     r"""(?P<space>\s+|//[^\n]*|/\*.*?(?:\*/|(?P<open>\Z)))
       | (?P<text>"[^"\n]*")
-      | (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
+      | (?P<number>(?:\d+(?:\.(?!\.\.)\d*)?|\.\d+)(?:[eE][+-]?\d+)?)
       | (?P<name>[A-Za-z_]\w*)
-      | (?P<sign>\+=|-=|\*=|/=|[-+*/%^(){}\[\],;:=.<>!&|?~#@$'])""",
+      | (?P<sign>\.\.\.|\+=|-=|\*=|/=|[-+*/%^(){}\[\],;:=.<>!&|?~#@$'])""",
     re.VERBOSE | re.DOTALL,
 )
 
@@ -130,12 +130,12 @@ class Script:
         return [int(value) for value in values]
 
     def numbers(self) -> list[float]:
-        """A list of numbers in braces, ranges ``a:b`` and ``a:b:step`` written out."""
+        """A list of numbers in braces, ranges ``a:b``, ``a ... b`` and ``a:b:step`` written out."""
         self.expect("{")
         values: list[float] = []
         while not self.taken("}"):
             first = self.number()
-            if self.taken(":"):
+            if self.taken(":") or self.taken("..."):
                 last = self.number()
                 step = self.number() if self.taken(":") else math.copysign(1.0, last - first)
                 values += self.stepped(first, last, step)

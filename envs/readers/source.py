@@ -42,10 +42,15 @@ def excerpt(text: str, most: int = 60) -> str:
     return printable(beginning)
 
 
-def text_of(path: Path) -> str:
-    """The file's text (UTF-8, with or without a byte-order mark), not empty."""
+def text_of(path: Path, *, errors: str = "strict") -> str:
+    """The file's text (UTF-8, with or without a byte-order mark), not empty.
+
+    Args:
+        path: it.
+        errors: ``replace`` for U+FFFD in place of bytes that are no UTF-8, where a format allows them in comments.
+    """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = path.read_text(encoding="utf-8-sig", errors=errors)
     except UnicodeDecodeError as error:
         raise DomainError(f"{path}: not a text file (byte {error.start}); save it as UTF-8") from None
     except OSError as error:

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy
+from envs.errors import UserError
+from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive
 from freemesh_ray.compare.peers import PACKAGES, PEERS
 from freemesh_ray.formatting.terminal import note, say
 
@@ -21,12 +22,14 @@ examples:
   freemesh compare D7 D8 D9 --out comparison
   freemesh compare part-1 part-2 part.geojson --peers gmsh-default,netgen --policy runs/default/policy.npz
   freemesh compare part-{{1..100}} --peers gmsh-8 --out parts --no-pictures
+  freemesh compare plate.dxf --edge-length 0.5 --peers gmsh-8,gmsh-quasi --match-elements
   freemesh compare D7 --mesh pave=d7.inp --policy none
 
 peers:
 {LIST}
 
-They need `pip install {" ".join(PACKAGES)}`. Ctrl-C leaves what is finished in the folder.
+They need `pip install {" ".join(PACKAGES)}`; fastq, a program of SEACAS, has to be on the path. Ctrl-C leaves what is
+finished in the folder.
 """
 
 
@@ -49,12 +52,17 @@ def add(commands: Any) -> None:
         EPILOG,
     )
     compare.add_argument("domains", nargs="+", metavar="DOMAIN", help="as of `freemesh mesh`, or part-SEED")
-    compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, comparison.csv and pictures are written")
+    compare.add_argument("--out", metavar="FOLDER", help="where comparison.md, .csv, .json and pictures are written")
     compare.add_argument("--no-pictures", dest="pictures", action="store_false", help="tables alone")
     compare.add_argument("--peers", type=peer_names, default=list(PEERS), metavar="NAMES",
                          help=f"separated by commas, or {NONE} (default: all)")  # fmt: skip
     compare.add_argument("--mesh", action="append", default=[], metavar="[DOMAIN:]LABEL=FILE",
                          help="a mesh of another program: .inp, .msh, .vtu, .bdf and more; repeatable")  # fmt: skip
+    compare.add_argument("--match-elements", action="store_true",
+                         help="vary the peers' sizes inside, the boundary kept, until they have as many elements as our"
+                         " mesh, within 5%%")  # fmt: skip
+    compare.add_argument("--edge-length", type=positive, metavar="L",
+                         help="split the outlines into segments of about this length first, for all alike")  # fmt: skip
     add_policy(compare, more=f", or {NONE}")
     add_fix_parity(compare)
 
@@ -73,21 +81,32 @@ def run(options: argparse.Namespace) -> int:
     folder = Path(options.out) if options.out else None
     if folder is not None:
         check_writable(folder / "comparison.md", parents=True)
-    domains = [load(name, fix_parity=options.fix_parity) for name in options.domains]
+    if options.match_elements and options.policy == NONE:
+        raise UserError("--match-elements matches the elements of our mesh: leave --policy none out")
+    domains = [load(name, fix_parity=options.fix_parity, edge_length=options.edge_length) for name in options.domains]
     files = mesh_file.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]
-    columns = [*own, *meshers.installed_peers(options.peers, note), *files]
+    peers = meshers.installed_peers(options.peers, note)
+    columns = [*own, *peers.meshers, *files]
     if not columns:
         raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
-    done = compare(domains, columns, folder, lambda row: note(report.line(row)), drawn=options.pictures)
+    done = compare(
+        domains,
+        columns,
+        folder,
+        lambda row: note(report.line(row)),
+        drawn=options.pictures,
+        absent=peers.absent,
+        matched=options.match_elements,
+    )
     note()
-    say(report.summary([row for entry in done for row in entry.rows]))
+    say(report.summary([row for entry in done for row in entry.rows], peers.absent))
     note()
     if folder is None:
         note("all metrics and pictures: --out FOLDER")
     else:
         pictures = ", boxes.png, a picture of each domain" if options.pictures else ""
-        note(f"written to {folder}: comparison.md and comparison.csv with all metrics{pictures}")
+        note(f"written to {folder}: comparison.md, .csv and .json with all metrics{pictures}")
     return 0
 
 

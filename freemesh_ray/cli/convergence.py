@@ -32,6 +32,7 @@ problems:
 examples:
   freemesh convergence square kirsch
   freemesh convergence --levels 4 --peers gmsh-8,gmsh-full-quad --out convergence
+  freemesh convergence kirsch --peers gmsh-8,gmsh-full-quad,gmsh-quasi --match-elements
 
 Needs `pip install scikit-fem`, and for peers what `freemesh compare` does.
 """
@@ -54,6 +55,8 @@ def add(commands: Any) -> None:
     parser.add_argument("--levels", type=whole(1, 7), default=3, metavar="N", help="meshes, each twice as fine (3)")
     parser.add_argument("--peers", type=peer_names, default=[], metavar="NAMES",
                         help="of `freemesh compare`, on the same boundary segments (none)")  # fmt: skip
+    parser.add_argument("--match-elements", action="store_true",
+                        help="with as many elements as ours, within 5%%: see `freemesh compare`")  # fmt: skip
     parser.add_argument("--out", metavar="FOLDER", help="where convergence.md, .csv and .png are written")
     add_policy(parser)
 
@@ -117,10 +120,17 @@ def _found(problems: Mapping[str, Problem], options: argparse.Namespace) -> list
     from freemesh_ray.convergence.run import run
     from freemesh_ray.policies.policy import DEFAULT
 
-    meshers = [ours(maker(Path(options.policy or DEFAULT))), *installed_peers(options.peers, note)]
+    meshers = [ours(maker(Path(options.policy or DEFAULT))), *installed_peers(options.peers, note).meshers]
     found = []
     for name, problem in problems.items():
-        found += run(name, problem, meshers, options.levels, lambda solved: note(report.line(solved)))
+        found += run(
+            name,
+            problem,
+            meshers,
+            options.levels,
+            lambda solved: note(report.line(solved)),
+            matched=options.match_elements,
+        )
     note()
     return found
 

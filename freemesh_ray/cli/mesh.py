@@ -146,13 +146,19 @@ def check_outputs(paths: Sequence[Path], known: Sequence[str]) -> None:
         check_writable(path)
 
 
+def counted(count: int, thing: str) -> str:
+    """``1 quad``, ``2 quads``."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
 def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> str:
     """A line on a mesh that was written, with its ``quality()``, and one on what recovery it needed, if any."""
     made = mesh.result
     line = (
-        f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
+        f"{mesh.name}: {counted(len(mesh.quads), 'quad')} in {1e3 * made.seconds_finished:.0f} ms, "
         f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "
-        f"{figures['singularity']:.0f} irregular nodes (least {figures['singularity_least']:.0f}) -> {paths(outputs)}"
+        f"{counted(int(figures['singularity']), 'irregular node')} (least {figures['singularity_least']:.0f})"
+        f" -> {paths(outputs)}"
     )
     helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
     if made.backtracks:

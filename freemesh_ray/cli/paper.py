@@ -98,7 +98,7 @@ def quality(options: argparse.Namespace) -> str:
 
     found = domains(options, DOMAINS)
     files = mesh_file.files(options.mesh, found)
-    columns = [*meshers.installed_peers(options.peers, note), *files]
+    columns = [*meshers.installed_peers(options.peers, note).meshers, *files]
     make = maker(options)
     columns += stages(next(iter(policies(options).values())), make)
     folder = Path(options.out) if options.out else None

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from envs.types import Domain, DomainError, Floats
 from freemesh_ray import plots
 from freemesh_ray.compare import report
+from freemesh_ray.compare.boundary_change import boundary_change
+from freemesh_ray.compare.matching import CANNOT_VARY, NOTHING_TO_MATCH, Match, match
 from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
 from freemesh_ray.compare.pooled import pooled
@@ -39,11 +42,7 @@ class Compared:
     def panels(self) -> dict[str, MixedMesh | None]:
         """What the domain's picture shows: label -> mesh, None where there is none."""
         made = {mesh.mesher: mesh for mesh in self.meshes}
-        changed = {row.mesher for row in self.rows if row.figures is not None and not row.keeps_boundary}
-        return {
-            f"{row.mesher} (boundary changed)" if row.mesher in changed else row.mesher: made.get(row.mesher)
-            for row in self.rows
-        }
+        return {panel_label(row): made.get(row.mesher) for row in self.rows}
 
 
 def compare(
@@ -53,16 +52,20 @@ def compare(
     report_row: Callable[[Row], None],
     *,
     drawn: bool = True,
+    absent: Mapping[str, str] = MappingProxyType({}),
+    matched: bool = False,
 ) -> list[Compared]:
     """Run all meshers on all domains; an interrupt leaves the tables and pictures of what is finished.
 
     Args:
         domains: what to mesh.
         meshers: in the order of the columns.
-        folder: where ``comparison.md``, ``comparison.csv``, a picture for each domain and ``boxes.png`` are written;
+        folder: where ``comparison.md``, ``.csv``, ``.json``, a picture for each domain and ``boxes.png`` are written;
             None: nowhere.
         report_row: called with each row as it is finished.
         drawn: whether there are pictures.
+        matched: whether the others' numbers of elements are matched to those of the first's last mesh of a domain.
+        absent: peers that take no part -> why; the tables tell it.
 
     Raises:
         DomainError: two domains have one name.
@@ -75,18 +78,19 @@ def compare(
             compared = Compared(domain, [], [])
             done.append(compared)
             for mesher in meshers:
-                for row, mesh in rows(mesher, domain):
+                wanted = elements_of(meshers[0].name, compared) if matched and mesher is not meshers[0] else None
+                for row, mesh in rows(mesher, domain, wanted):
                     compared.rows.append(row)
                     if mesh is not None:
                         compared.meshes.append(mesh)
                     report_row(row)
             if folder is not None:
-                report.write(folder, [row for entry in done for row in entry.rows])
+                report.write(folder, [row for entry in done for row in entry.rows], absent)
             if folder is not None and drawn and compared.meshes:
                 plots.draw_side_by_side(compared.panels, folder / f"{file_name(domain.name)}.png", domain.name)
     finally:
         if folder is not None and any(entry.rows for entry in done):
-            report.write(folder, [row for entry in done for row in entry.rows])
+            report.write(folder, [row for entry in done for row in entry.rows], absent)
             if drawn and any(entry.meshes for entry in done):
                 plots.draw_boxes(box_values(done), folder / "boxes.png", title=title([entry.domain for entry in done]))
     return done
@@ -110,14 +114,46 @@ def title(domains: Sequence[Domain]) -> str:
     return ", ".join(domain.name for domain in domains) if len(domains) <= NAMED else f"{len(domains)} domains"
 
 
-def rows(mesher: Mesher, domain: Domain) -> list[tuple[Row, MixedMesh | None]]:
-    """A mesher's rows for a domain, with their meshes; a failure is a row without."""
+def panel_label(row: Row) -> str:
+    """The mesher, and what it did to the boundary where it did not keep it."""
+    if row.boundary is None or row.boundary.kept:
+        return row.mesher
+    return f"{row.mesher} (boundary {f'+{row.boundary.added} points' if row.boundary.split else 'changed'})"
+
+
+def rows(mesher: Mesher, domain: Domain, wanted: int | None = None) -> list[tuple[Row, MixedMesh | None]]:
+    """A mesher's rows for a domain, with their meshes; a failure is a row without.
+
+    Args:
+        mesher: it.
+        domain: it.
+        wanted: elements to match; 0 where there is nothing to match, None where nothing is to be matched.
+    """
+    remark = ""
     try:
+        if wanted and mesher.resized:
+            return [matched_row(match(mesher.resized, domain, wanted), domain)]
+        if wanted is not None:
+            remark = f"not matched: {CANNOT_VARY if wanted else NOTHING_TO_MATCH}"
         return [
-            (Row(domain.name, mesh.mesher, figures(mesh), mesh.keeps(domain), ""), mesh) for mesh in mesher.run(domain)
+            (Row(domain.name, mesh.mesher, figures(mesh, domain), boundary_change(mesh, domain), "", remark), mesh)
+            for mesh in mesher.run(domain)
         ]
     except (PeerError, MeshingError) as error:
-        return [(Row(domain.name, mesher.name, None, False, str(error).replace("\n", " ")), None)]
+        return [(Row(domain.name, mesher.name, None, None, str(error).replace("\n", " ")), None)]
+
+
+def matched_row(found: Match, domain: Domain) -> tuple[Row, MixedMesh]:
+    """The row of a mesh whose number of elements was matched, or was to be, with the mesh."""
+    mesh = found.mesh
+    values = figures(mesh, domain) | {"size_factor": found.factor, "matched_share": found.share}
+    remark = "" if found.reached else str(found)
+    return Row(domain.name, mesh.mesher, values, boundary_change(mesh, domain), "", remark), mesh
+
+
+def elements_of(mesher: str, compared: Compared) -> int:
+    """Elements of a mesher's mesh of a domain; 0 where it has none."""
+    return next((len(mesh) for mesh in compared.meshes if mesh.mesher == mesher), 0)
 
 
 def file_name(name: str) -> str:

@@ -1,6 +1,8 @@
-"""Gmsh's quadrilateral meshers on a fixed boundary: one straight curve for each given segment, never divided.
+"""Gmsh's quadrilateral meshers on a fixed boundary: one straight curve for each given segment.
 
-Sizes inside come from the boundary segments alone (Mesh.MeshSizeExtendFromBoundary), as Gmsh does by default.
+None but the quasi-structured algorithm divides one, and it all of them. Sizes inside come from the boundary segments
+alone (Mesh.MeshSizeExtendFromBoundary), as Gmsh does by default; where numbers of elements are matched, they are a
+factor times our size field, or Gmsh's own.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from envs.mdp.size_field import size_field, sizes_at
 from envs.polygons.rings import loops
-from envs.types import Domain, Ints
+from envs.types import Domain, Ints, MeshingParameters
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 
 #: Gmsh's numbers for kinds of element.
@@ -32,16 +35,20 @@ class Variant:
     Attributes:
         options: Gmsh's options by name.
         afterwards: an optimisation that follows, and how many passes of it; "" for none.
-        paired: whether the mesher halves every boundary segment, so that it is given pairs of segments as one.
+        paired: whether it is given pairs of boundary segments as one, which it halves.
+        halves: whether it halves boundary segments of any number of nodes: in pairs it is given segments only where the
+            boundary has to be as fine as the others'.
     """
 
     options: Mapping[str, float]
     afterwards: tuple[str, int] = ("", 0)
     paired: bool = False
+    halves: bool = False
 
 
 FRONTAL, FRONTAL_QUADS = {"Mesh.Algorithm": 6.0}, {"Mesh.Algorithm": 8.0}
 BLOSSOM, FULL_QUAD = {"Mesh.RecombinationAlgorithm": 1.0}, {"Mesh.RecombinationAlgorithm": 3.0}
+QUASI = {"Mesh.Algorithm": 11.0}
 
 #: By the names of `peers.PEERS`.
 VARIANTS: dict[str, Variant] = {
@@ -50,23 +57,34 @@ VARIANTS: dict[str, Variant] = {
     # Left to itself Gmsh splits poor quadrilaterals into triangles.
     "gmsh-full-quad": Variant(FRONTAL_QUADS | FULL_QUAD | {"Mesh.RecombineMinimumQuality": -1e22}, paired=True),
     # An error inside its parallel loop would end the process: it is told to go on instead.
-    "gmsh-quasi": Variant(
+    "gmsh-8-quasi": Variant(
         FRONTAL_QUADS | BLOSSOM | {"General.AbortOnError": 0.0}, ("QuadQuasiStructured", 1)
     ),
+    # It meshes twice as coarsely and halves all edges, those of the boundary, too.
+    "gmsh-quasi": Variant(QUASI | {"General.AbortOnError": 0.0}, halves=True),
 }  # fmt: skip
 
 
-def mesh(domain: Domain, name: str) -> MixedMesh:
+def mesh(domain: Domain, name: str, factor: float | None = None) -> MixedMesh:
     """Mesh a domain with one of the `VARIANTS`; ``seconds`` is the wall time of Gmsh's meshing alone.
+
+    Args:
+        domain: what to mesh.
+        name: of the variant.
+        factor: for a boundary as fine as the given one: of the sizes inside, times our size field; 1: Gmsh's own. None:
+            Gmsh's own, and a variant that halves the given segments does so.
 
     Raises:
         PeerError: Gmsh failed, or the boundary cannot be paired.
         ImportError: Gmsh is not installed.
     """
     variant = VARIANTS[name]
+    doubled = variant.halves and factor is not None
     with model(variant.options) as gmsh:
         try:
-            middles = build(gmsh, domain, variant.paired)
+            middles = build(gmsh, domain, variant.paired or doubled, 3 if variant.paired else 2)
+            if factor is not None and factor != 1.0:
+                size_inside(gmsh, domain, 2 * factor if doubled else factor)
             start = time.perf_counter()
             gmsh.model.mesh.generate(2)
             for curve, vertex in middles:
@@ -80,6 +98,17 @@ def mesh(domain: Domain, name: str) -> MixedMesh:
             raise
         except Exception as error:  # Gmsh has no type of its own
             raise PeerError(str(error).strip() or "failed without a message") from error
+
+
+def size_inside(gmsh: Any, domain: Domain, factor: float) -> None:
+    """Have Gmsh take a factor times our size field for the sizes inside, in place of those of the boundary's nodes."""
+    field = size_field(domain, MeshingParameters().size_gradient)
+
+    def size(dimension: int, tag: int, x: float, y: float, z: float, before: float) -> float:
+        return factor * float(sizes_at(field, np.array([[x, y]]))[0])
+
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    gmsh.model.mesh.setSizeCallback(size)
 
 
 @contextmanager
@@ -99,8 +128,8 @@ def model(options: Mapping[str, float]) -> Iterator[Any]:
         gmsh.finalize()
 
 
-def build(gmsh: Any, domain: Domain, paired: bool) -> list[tuple[int, int]]:
-    """The domain as Gmsh's geometry.
+def build(gmsh: Any, domain: Domain, paired: bool, nodes: int) -> list[tuple[int, int]]:
+    """The domain as Gmsh's geometry: a curve for each segment, or for each pair of them, of so many nodes.
 
     Returns:
         For pairs of segments, each curve's tag and the vertex in its middle; else nothing.
@@ -118,7 +147,7 @@ def build(gmsh: Any, domain: Domain, paired: bool) -> list[tuple[int, int]]:
         tags = [geometry.addPoint(*point, 0.0) for point in domain.points[corners].tolist()]
         curves = [geometry.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)]
         for curve in curves:
-            geometry.mesh.setTransfiniteCurve(curve, 3 if paired else 2)
+            geometry.mesh.setTransfiniteCurve(curve, nodes)
         wires.append(geometry.addCurveLoop(curves))
         if paired:
             middles += zip(curves, loop[1::2].tolist(), strict=True)

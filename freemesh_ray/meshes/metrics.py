@@ -23,6 +23,9 @@ from envs.types import Floats, Ints
 from freemesh_ray.meshes.index import boundary_of, least_irregular
 from freemesh_ray.meshes.protocol import PlaneMesh
 
+#: Degrees by which an angle may be beyond a limit that it is meant to lie on.
+ROUND_OFF = 1e-9
+
 
 def by_element(mesh: PlaneMesh) -> dict[str, Floats]:
     """Each element metric of every quadrilateral, (m,) float64.
@@ -102,6 +105,13 @@ def inner_angles(corners: Floats) -> Floats:
     """Inner angles in degrees, [0, 360), of counter-clockwise quadrilaterals: (m, 4, 2) -> (m, 4)."""
     ahead, behind = _sides(corners)
     return np.degrees(np.arctan2(_cross(ahead, behind), (ahead * behind).sum(axis=-1))) % 360.0
+
+
+def angles_within(mesh: PlaneMesh, low: float, high: float) -> float:
+    """The share of the quadrilaterals whose four inner angles lie in [low, high] degrees; NaN when there are none."""
+    angles = inner_angles(mesh.vertices[mesh.quads])
+    inside = (angles >= low - ROUND_OFF) & (angles <= high + ROUND_OFF)
+    return _over(np.array(inside.all(axis=1), dtype=np.float64))
 
 
 def scaled_jacobian(corners: Floats) -> Floats:

@@ -52,6 +52,14 @@ def halves(domain: Domain, mesher: str = "halves") -> MixedMesh:
     return assembled(mesher, squares(domain).vertices, QUADS[:1], triangles, 0.1)
 
 
+def finer(domain: Domain) -> MixedMesh:
+    """A grid of four by four: every given segment is halved."""
+    side = np.linspace(0, 2, 5)
+    vertices = np.array([[x, y] for y in side for x in side])
+    corner = [5 * row + column for row in range(4) for column in range(4)]
+    return assembled("halved", vertices, [[i, i + 1, i + 6, i + 5] for i in corner], [], 0.1)
+
+
 def failing(domain: Domain) -> list[MixedMesh]:
     raise PeerError("no\nluck")
 
@@ -72,15 +80,15 @@ def test_failures_are_rows(tmp_path: Path) -> None:
     assert [(row.domain, row.mesher) for row in seen] == [(d, m) for d in "ab" for m in ("good", "bad", "halves")]
     assert seen == [row for entry in done for row in entry.rows]
     assert [row.failure for row in seen] == ["", "no luck", ""] * 2
-    assert all(row.keeps_boundary == (row.figures is not None) for row in seen)
+    assert [row.boundary is not None and row.boundary.kept for row in seen] == [True, False, True] * 2
     assert [len(entry.meshes) for entry in done] == [2, 2]
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"comparison.md", "comparison.csv", "a.png", "b.png", "boxes.png"}
+    assert names == {"comparison.md", "comparison.csv", "comparison.json", "a.png", "b.png", "boxes.png"}
 
 
 def test_pictures_can_be_left_out(tmp_path: Path) -> None:
     compare([square()], MESHERS, tmp_path, lambda row: None, drawn=False)
-    assert {path.name for path in tmp_path.iterdir()} == {"comparison.md", "comparison.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == {"comparison.md", "comparison.csv", "comparison.json"}
 
 
 def test_an_interrupt_leaves_what_is_finished(tmp_path: Path) -> None:
@@ -101,9 +109,37 @@ def test_csv_holds_every_bit(tmp_path: Path) -> None:
     domain = square()
     compare([domain], [Mesher("x", lambda d: [mixed(d, "x", 0.123456789, 1.1)])], tmp_path, lambda row: None)
     (row,) = csv.DictReader(io.StringIO((tmp_path / "comparison.csv").read_text()))
-    for key, value in figures(mixed(domain, "x", 0.123456789, 1.1)).items():
+    for key, value in figures(mixed(domain, "x", 0.123456789, 1.1), domain).items():
         assert float(row[key]) == value
-    assert row["keeps_boundary"] == "1"
+    assert (row["keeps_boundary"], row["boundary_points_added"], row["boundary_points_lost"]) == ("1", "0", "0")
+
+
+def strict(constant: str) -> None:
+    raise ValueError(f"{constant} is no JSON")
+
+
+def test_json_holds_what_the_csv_does(tmp_path: Path) -> None:
+    absent = {"gone": "gone is not installed; pip install gone"}
+    compare([square()], [*MESHERS, Mesher("x", lambda d: [mixed(d, "x", math.nan)])], tmp_path, lambda row: None,
+            drawn=False, absent=absent)  # fmt: skip
+    read = json.loads((tmp_path / "comparison.json").read_text(), parse_constant=strict)
+    assert read["absent"] == absent
+    table = list(csv.DictReader(io.StringIO((tmp_path / "comparison.csv").read_text())))
+    assert [row["mesher"] for row in read["rows"]] == [row["mesher"] for row in table] == ["good", "bad", "halves", "x"]
+    for one, other in zip(read["rows"], table, strict=True):
+        for key, cell in other.items():
+            value = one.get(key)
+            assert cell == ("" if value is None else str(value)), key
+    assert read["rows"][3]["seconds"] is None
+
+
+def test_who_took_no_part_is_told_in_every_table(tmp_path: Path) -> None:
+    rows = [row for entry in compare([square()], MESHERS, None, lambda row: None) for row in entry.rows]
+    absent = {"a-1": "a is not installed; pip install a", "b": "no b", "a-2": "a is not installed; pip install a"}
+    for text in (report.text(rows, absent), report.summary(rows, absent)):
+        assert text.count("a-1, a-2: a is not installed; pip install a") == 1
+        assert text.count("- b: no b") == 1
+    assert "Not compared" not in report.text(rows)
 
 
 def test_two_domains_of_one_name_are_refused() -> None:
@@ -116,7 +152,7 @@ def test_our_mesher_gives_raw_and_finished() -> None:
     raw, finished = squares(domain, 1.3), squares(domain)
     both = ours(lambda d: MeshResult(raw, finished, 0.5, 0.75)).run(domain)
     assert [(mesh.mesher, mesh.seconds) for mesh in both] == [(RAW, 0.5), (OURS, 0.75)]
-    assert figures(both[0])["eta"] < figures(both[1])["eta"] == pytest.approx(1.0)
+    assert figures(both[0], domain)["eta"] < figures(both[1], domain)["eta"] == pytest.approx(1.0)
     (only,) = ours(lambda d: MeshResult(raw, raw, 0.5, 0.5)).run(domain)
     assert only.mesher == OURS
 
@@ -125,7 +161,8 @@ def test_our_mesher_gives_raw_and_finished() -> None:
 
 
 def test_means_are_over_what_each_completed() -> None:
-    first, second = figures(mixed(square("a"), "x", 0.1)), figures(mixed(square("b"), "x", 0.3, 1.4))
+    first = figures(mixed(square("a"), "x", 0.1), square("a"))
+    second = figures(mixed(square("b"), "x", 0.3, 1.4), square("b"))
     found = report.means([first, second])
     assert found["eta"] == pytest.approx((first["eta"] + second["eta"]) / 2)
     assert found["milliseconds"] == pytest.approx(200.0)
@@ -166,7 +203,41 @@ def test_the_summary_fits_a_terminal_and_holds_the_same_figures() -> None:
     good = next(line for line in brief.splitlines() if line.startswith("good")).split()
     columns = [cell.strip() for cell in next(line for line in full.splitlines() if "| good" in line).split("|")]
     assert good[1:3] == columns[2:4]
-    assert good[4] == columns[7]
+    assert good[5] == columns[8]
+
+
+def test_who_is_best_is_told_by_every_column() -> None:
+    meshers = [MESHERS[0], MESHERS[2], Mesher("slow", lambda domain: [mixed(domain, "slow", 2.0, 1.3)])]
+    rows = [row for entry in compare([square("a"), square("b")], meshers, None, lambda row: None) for row in entry.rows]
+    for text in (report.summary(rows), report.text(rows).replace("\\", "")):
+        told = [part.replace("\n", " ") for part in text.split("\n\n") if part.startswith("Best: ")]
+        assert len(told) == 3, "each domain and the means"
+        for line in told:
+            found = dict(part.split(" ", 1) for part in line.removeprefix("Best: ").rstrip(".").split("; "))
+            assert found["tri"] == "good, slow (0)"
+            assert found["irregular" if "irregular" in found else "sing"].startswith("good, slow (0)")
+            assert found["eta"] == "good, halves (1.000)"
+            assert found["ms"] == "halves (100.0)"
+            assert found["count"].startswith("good, slow (1.00)")
+            assert "elements" not in found
+
+
+def test_nobody_is_best_alone_or_where_all_are() -> None:
+    rows = [row for entry in compare([square()], MESHERS[:2], None, lambda row: None) for row in entry.rows]
+    assert "Best:" not in report.text(rows)
+    twin = Mesher("twin", lambda domain: [mixed(domain, "twin")])
+    rows = [row for entry in compare([square()], [MESHERS[0], twin], None, lambda row: None) for row in entry.rows]
+    assert "Best:" not in report.text(rows)
+
+
+def test_sizes_and_angles_are_measured_against_the_boundary() -> None:
+    found = figures(finer(square()), square())
+    assert found["longest_edge"] == pytest.approx(0.5)
+    assert found["elements_over_wanted"] == pytest.approx(4.0)
+    assert (found["sized_share"], found["neighbour_ratio"]) == (0.0, pytest.approx(1.0))
+    assert found["angles_60_120"] == found["angles_45_135"] == 1.0
+    found = figures(mixed(square(), "x"), square())
+    assert [found[key] for key in ("longest_edge", "elements_over_wanted", "sized_share")] == pytest.approx([1, 1, 1])
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------
@@ -191,19 +262,22 @@ def test_pictures_tell_who_failed_and_who_changed_the_boundary() -> None:
     def moved(domain: Domain) -> list[MixedMesh]:
         return [mixed(square(scale=1.1), "moved")]
 
+    def halved(domain: Domain) -> list[MixedMesh]:
+        return [finer(domain)]
+
     done = compare(
         [square("a"), square("b")],
-        [MESHERS[1], Mesher("partly", partly), Mesher("moved", moved)],
+        [MESHERS[1], Mesher("partly", partly), Mesher("moved", moved), Mesher("halved", halved)],
         None,
         lambda row: None,
     )
-    assert list(done[0].panels) == ["bad", "partly", "moved (boundary changed)"]
-    assert [mesh is None for mesh in done[0].panels.values()] == [True, False, False]
+    assert list(done[0].panels) == ["bad", "partly", "moved (boundary changed)", "halved (boundary +8 points)"]
+    assert [mesh is None for mesh in done[0].panels.values()] == [True, False, False, False]
     assert done[1].panels["partly"] is None
     values = box_values(done)
     assert tuple(values) == plots.PANELS
-    assert all(list(of_mesher) == ["bad (0/2)", "partly (1/2)", "moved"] for of_mesher in values.values())
-    assert [len(each) for each in values["eta"].values()] == [0, 4, 8]
+    assert all(list(of_mesher) == ["bad (0/2)", "partly (1/2)", "moved", "halved"] for of_mesher in values.values())
+    assert [len(each) for each in values["eta"].values()] == [0, 4, 8, 32]
 
 
 def test_triangles_alone_can_be_drawn(tmp_path: Path) -> None:
@@ -238,8 +312,22 @@ def test_ours_and_a_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> No
         "square  freemesh raw", "square  freemesh", "square  pave", "written to found",
     ]  # fmt: skip
     assert {path.name for path in Path("found").iterdir()} == {
-        "comparison.md", "comparison.csv", "square.png", "boxes.png",
+        "comparison.md", "comparison.csv", "comparison.json", "square.png", "boxes.png",
     }  # fmt: skip
+
+
+def test_an_outline_is_split_for_all_alike(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("outline.wkt").write_text("POLYGON((0 0, 3 0, 3 2, 0 2, 0 0))")
+    grid = from_rings([[0, 0], [1, 0], [2, 0], [3, 0], [3, 1], [3, 2], [2, 2], [1, 2], [0, 2], [0, 1]])
+    quads = np.array([[0, 1, 10, 9], [1, 2, 11, 10], [2, 3, 4, 11], [9, 10, 7, 8], [10, 11, 6, 7], [11, 4, 5, 6]])
+    mesh = Mesh("grid", np.vstack([grid.points, [[1, 1], [2, 1]]]), quads, grid.segments, True)
+    export.write(mesh, "grid.inp")
+    arguments = ["compare", "outline.wkt", "--policy", "none", "--peers", "none", "--mesh", "grid=grid.inp"]
+    assert command.main([*arguments, "--edge-length", "1"]) == 0
+    assert next(line for line in capsys.readouterr().out.splitlines() if line.startswith("grid ")).endswith("  kept")
+    assert command.main(arguments) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("grid "))
+    assert line.endswith("  +6 points")
 
 
 def test_gmsh_on_a_domain_of_the_catalogue(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -259,7 +347,13 @@ def test_missing_peers_are_left_out(
     assert command.main(["compare", "square.json", "--policy", "policy.npz"]) == 0
     out, err = capsys.readouterr()
     assert "gmsh is not installed: its meshes are left out; pip install gmsh" in err
-    assert "gmsh" not in out
+    tables, _, absences = out.partition("Not compared:")
+    assert "gmsh" not in tables
+    assert (
+        "- gmsh-default, gmsh-8, gmsh-full-quad, gmsh-8-quasi, gmsh-quasi: gmsh is not installed; pip install gmsh"
+        in absences
+    )
+    assert "- netgen: netgen is not installed; pip install netgen-mesher" in absences
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

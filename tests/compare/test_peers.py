@@ -14,6 +14,7 @@ from envs.polygons.rings import loops
 from envs.types import Domain
 from freemesh_ray.cli import command
 from freemesh_ray.compare import gmsh_mesher, meshers
+from freemesh_ray.compare.boundary_change import boundary_change
 from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
 from freemesh_ray.compare.gmsh_mesher import VARIANTS, started
 from freemesh_ray.compare.meshers import installed_peers, peer_mesh
@@ -32,7 +33,7 @@ def covered(mesh: MixedMesh) -> float:
 
 
 @pytest.mark.parametrize("domain", [load("T1"), load("D9"), load("part:9")], ids=lambda domain: domain.name)
-@pytest.mark.parametrize("name", ["gmsh-default", "gmsh-8", "gmsh-quasi", "netgen"])
+@pytest.mark.parametrize("name", ["gmsh-default", "gmsh-8", "gmsh-8-quasi", "netgen"])
 def test_peers_fill_the_domain_and_keep_its_boundary(name: str, domain: Domain) -> None:
     pytest.importorskip(PEERS[name].needs)
     made = peer_mesh(domain, name)
@@ -41,6 +42,16 @@ def test_peers_fill_the_domain_and_keep_its_boundary(name: str, domain: Domain) 
     assert covered(made) == pytest.approx(domain.area, rel=1e-9)
     assert made.seconds > 0
     assert len(made.quads) > 2 * len(made.triangles)
+
+
+def test_quasi_structured_quads_halve_every_segment_and_leave_the_shape() -> None:
+    pytest.importorskip("gmsh")
+    domain = load("T1")
+    made = peer_mesh(domain, "gmsh-quasi")
+    change = boundary_change(made, domain)
+    assert (change.added, change.lost, change.off) == (len(domain.segments), 0, 0)
+    assert change.split
+    assert covered(made) == pytest.approx(domain.area, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["T1", "T3", "part:5"])
@@ -106,9 +117,13 @@ def test_importing_the_registry_is_light() -> None:
 def test_what_is_not_installed_is_left_out_with_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gmsh", None)
     monkeypatch.setitem(sys.modules, "netgen.geom2d", None)
+    monkeypatch.setenv("PATH", "")
     lines: list[str] = []
-    assert installed_peers(list(PEERS), lines.append) == []
-    assert len(lines) == 2
+    found = installed_peers(list(PEERS), lines.append)
+    assert found.meshers == []
+    assert len(lines) == 3
+    assert list(found.absent) == list(PEERS)
+    assert found.absent["netgen"] == "netgen is not installed; pip install netgen-mesher"
     assert "pip install gmsh" in lines[0]
     assert "pip install netgen-mesher" in lines[1]
 
@@ -119,7 +134,9 @@ def test_a_peer_without_its_libraries_is_left_out_with_what_is_missing(monkeypat
 
     monkeypatch.setattr(meshers, "import_module", missing)
     lines: list[str] = []
-    assert installed_peers(["gmsh-default", "gmsh-8"], lines.append) == []
+    found = installed_peers(["gmsh-default", "gmsh-8"], lines.append)
+    assert found.meshers == []
+    assert "libGLU.so.1" in found.absent["gmsh-8"]
     assert len(lines) == 1
     assert "libGLU.so.1" in lines[0]
 
@@ -162,4 +179,4 @@ def test_a_call_in_a_child_process_may_crash_or_fail() -> None:
 def test_the_crash_of_a_peer_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gmsh_mesher, "mesh", dies)
     with pytest.raises(PeerError, match="crashed"):
-        peer_mesh(load("T1"), "gmsh-quasi")
+        peer_mesh(load("T1"), "gmsh-8-quasi")

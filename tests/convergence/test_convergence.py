@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from freemesh_ray.cli import convergence as command
 from freemesh_ray.cli.command import main
 from freemesh_ray.cli.convergence import PROBLEMS
+from freemesh_ray.compare.matching import TOLERANCE
 from freemesh_ray.compare.meshers import Mesher, ours
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
 from freemesh_ray.compare.our_mesher import maker
@@ -133,11 +135,56 @@ def test_lines_that_fail_are_told_and_leave_no_ratio(capsys: pytest.CaptureFixtu
     assert [solved.failure for solved in found] == ["", "no way", "", ""]
     text = report.section(problem, found)
     assert text.endswith("- p at 0.5  some: failed: no way")
-    ratios = [line.split("|")[5].strip() for line in text.splitlines() if line.startswith("| some")]
+    ratios = [line.split("|")[6].strip() for line in text.splitlines() if line.startswith("| some")]
     assert ratios[:2] == ["-", "-"]
     assert float(ratios[2]) == pytest.approx(found[3].errors["H1"] / found[2].errors["H1"], abs=0.006)  # type: ignore[index]
-    assert report.csv(found).splitlines()[1].startswith("p,some,1.0,1,H1,")
+    assert report.csv(found).splitlines()[1].startswith("p,some,1.0,1,4,,H1,")
     assert len(report.csv(found).splitlines()) == 1 + 2 * 3
+
+
+def test_at_as_many_elements_the_best_of_the_others_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    asked: list[float] = []
+
+    def resized(domain: object, factor: float) -> MixedMesh:
+        asked.append(factor)
+        return grid(max(1, round(len(domain.segments) / 2 / factor)))  # type: ignore[attr-defined]
+
+    def plain(domain: object) -> list[MixedMesh]:
+        return [grid(len(domain.segments) // 4)]  # type: ignore[attr-defined]
+
+    def fails(domain: object) -> list[MixedMesh]:
+        raise PeerError("no way")
+
+    problem = Problem("A title", 1 / 16, square.domain, square.errors, {"H1": 0.5, "L2": 0.25})
+    meshers = [
+        Mesher("ours", plain),
+        Mesher("fine", lambda domain: [grid(50)], resized),
+        Mesher("fixed", lambda domain: [grid(8)]),
+        Mesher("failing", fails, lambda domain, factor: fails(domain)[0]),
+    ]
+    found = run("p", problem, meshers, 2, lambda solved: None, matched=True)
+    assert all(math.isnan(solved.size_factor) for solved in found if solved.mesher != "fine")
+    for level in (found[:4], found[4:]):
+        assert level[1].elements == pytest.approx(level[0].elements, rel=TOLERANCE)
+        assert level[1].size_factor == pytest.approx(2, rel=0.05)
+        assert [solved.remark for solved in level[:3]] == ["", "", "not matched: its sizes cannot be varied"]
+        assert [solved.failure for solved in level] == ["", "", "", "no way"]
+        assert [solved.vertices for solved in level[:3]] == [
+            (round(solved.elements**0.5) + 1) ** 2 for solved in level[:3]
+        ]
+    text = report.section(problem, found)
+    assert "| size x |" in text
+    lines = [line for line in text.splitlines() if "best of the others" in line]
+    assert [line.split()[1:4] for line in lines] == [
+        ["H1", "at", "0.0625:"], ["L2", "at", "0.0625:"], ["H1", "at", "0.03125:"], ["L2", "at", "0.03125:"],
+    ]  # fmt: skip
+    for line, (solved, name) in zip(lines, itertools.product([found[:3], found[4:7]], problem.factors), strict=True):
+        best = min(solved[1:], key=lambda one: one.errors[name])  # type: ignore[index]
+        assert f"ours {solved[0].errors[name]:.3%}" in line  # type: ignore[index]
+        assert f"best of the others {best.mesher} {best.errors[name]:.3%}" in line  # type: ignore[index]
+    alone = run("p", problem, meshers[:1], 1, lambda solved: None, matched=True)
+    assert "best of the others" not in report.section(problem, alone)
+    assert "size x" not in report.section(problem, alone)
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,6 +24,7 @@ from envs.printable import printable
 from envs.types import DomainError
 from freemesh_ray import export, plots
 from freemesh_ray.compare import report as comparison
+from freemesh_ray.compare.boundary_change import BoundaryChange
 from freemesh_ray.compare.row import Row
 from freemesh_ray.formatting import terminal
 from freemesh_ray.formatting.csv_text import cell, csv_text
@@ -166,9 +167,10 @@ def test_pictures_show_any_label(tmp_path: Path) -> None:
 
 def test_a_comparison_of_hostile_names_is_harmless(tmp_path: Path) -> None:
     figures = dict.fromkeys([*comparison.COLUMNS, "seconds"], 1.0)
-    rows = [Row(name, other, figures if i % 2 else None, True, name)
+    rows = [Row(name, other, figures if i % 2 else None, BoundaryChange(0, 0, 0, True), name)
             for i, (name, other) in enumerate(zip(HOSTILE, HOSTILE[::-1], strict=True))]  # fmt: skip
-    comparison.write(tmp_path, rows)
+    absent = dict(zip(HOSTILE, HOSTILE[::-1], strict=True))
+    comparison.write(tmp_path, rows, absent)
     text = (tmp_path / "comparison.md").read_text(encoding="utf-8")
     assert all(line.isprintable() for line in text.split("\n"))
     assert "<" not in text
@@ -176,7 +178,7 @@ def test_a_comparison_of_hostile_names_is_harmless(tmp_path: Path) -> None:
     with open(tmp_path / "comparison.csv", newline="", encoding="utf-8") as file:
         for line in csv.reader(file):
             assert all(not value.startswith(("=", "+", "@")) for value in line)
-    assert all(line.isprintable() for line in comparison.summary(rows).split("\n"))
+    assert all(line.isprintable() for line in comparison.summary(rows, absent).split("\n"))
 
 
 def test_lines_of_the_terminal_are_printable(capsys: pytest.CaptureFixture[str]) -> None:

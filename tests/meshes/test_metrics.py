@@ -13,6 +13,7 @@ from envs.mesh import Mesh
 from envs.quality import element_quality
 from freemesh_ray.compare.mixed_mesh import assembled, of_mesh
 from freemesh_ray.meshes.metrics import (
+    angles_within,
     by_element,
     inner_angles,
     irregular,
@@ -95,6 +96,30 @@ def test_verdict_says_the_same(ours, name: str):
     np.testing.assert_allclose(
         ours(corners), verdict(corners, name), rtol=0, atol=1e-9 if "Angle" not in name else 1e-6
     )
+
+
+@pytest.mark.parametrize("limits", [(45.0, 135.0), (60.0, 120.0), (80.0, 100.0)])
+def test_verdict_says_the_same_of_the_share_of_good_angles(limits: tuple[float, float]):
+    low, high = limits
+    corners = convex_quads(3000, seed=9)
+    squarer = corners + 3 * np.ptp(corners, axis=1, keepdims=True) * [[0, 0], [1, 0], [1, 1], [0, 1]]
+    for block in (corners, squarer):
+        good = (verdict(block, "MinAngle") >= low) & (verdict(block, "MaxAngle") <= high)
+        quads = np.arange(4 * len(block)).reshape(-1, 4)
+        assert angles_within(of_blocks(block, quads), low, high) == pytest.approx(good.mean(), abs=1e-12)
+    assert 0 < good.mean() < 1
+
+
+def of_blocks(corners: np.ndarray, quads: np.ndarray) -> Mesh:
+    return Mesh("", corners.reshape(-1, 2), quads, np.empty((0, 2), np.int64), True)
+
+
+def test_an_angle_on_a_limit_is_within_it():
+    rhombus = np.array([[[0, 0], [2, 0], [2 + np.sqrt(2), np.sqrt(2)], [np.sqrt(2), np.sqrt(2)]]])  # 45 and 135 degrees
+    mesh = of_blocks(rhombus, np.array([[0, 1, 2, 3]]))
+    assert angles_within(mesh, 45.0, 135.0) == 1.0
+    assert angles_within(mesh, 46.0, 135.0) == angles_within(mesh, 45.0, 134.0) == 0.0
+    assert math.isnan(angles_within(of_blocks(rhombus, np.empty((0, 4), np.int64)), 45.0, 135.0))
 
 
 def test_verdict_says_the_same_of_clockwise_quads():

@@ -141,6 +141,27 @@ def test_expressions(tmp_path: Path, expression: str, value: float) -> None:
     assert load(written(tmp_path, text)).points[0, 0] == pytest.approx(value, abs=1e-12)
 
 
+SQUARE_LINES = "Point(1)={0,0,0};Point(2)={9,0,0};Point(3)={9,5,0};Point(4)={0,5,0};" + "".join(
+    f"Line({i})={{{i},{i % 4 + 1}}};" for i in range(1, 5)
+)
+
+
+@pytest.mark.parametrize("listed", ["1:4", "1 ... 4", "1...4", "1, 2 ... 3, 4", "1:4:1", "1., 2 ... 4."])
+def test_ranges_are_written_out(tmp_path: Path, listed: str) -> None:
+    domain = load(written(tmp_path, f"{SQUARE_LINES}Curve Loop(1)={{{listed}}};Plane Surface(1)={{1}};"))
+    assert domain.area == 45.0
+    assert len(domain.segments) == 4
+
+
+def test_comments_may_be_in_any_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "latin.geo"
+    path.write_bytes("// Définition\n".encode("latin-1") + SQUARE_LINES.encode())
+    assert load(path).area == 45.0
+    path.write_bytes(SQUARE_LINES.encode() + b"\n\xe9 = 3;")
+    with pytest.raises(DomainError, match=r"line 2: .* is not understood"):
+        load(path)
+
+
 BAD = {
     "nothing": ("// nothing", "no curves; give Point"),
     "unknown variable": ("Point(1) = {a, 0, 0};", "line 1: 'a' is no number known here"),
