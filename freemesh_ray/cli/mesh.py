@@ -10,6 +10,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import FORMATS as READ
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
@@ -64,7 +65,11 @@ def add(commands: Any) -> None:
                           help="split the outline into pieces of about this length; corners stay "
                           "(default: its vertices as they are)")  # fmt: skip
     boundary.add_argument("--grading", type=positive, default=1.0, metavar="RATIO",
-                          help="largest over smallest piece: finer at corners and small features (1)")  # fmt: skip
+                          help="largest over smallest piece: finer at sharp and re-entrant corners, short sides and "
+                          "narrow places (1)")  # fmt: skip
+    boundary.add_argument("--curvature", type=positive, default=CURVATURE, metavar="N",
+                          help="where the outline is split: pieces for a full turn of an arc, 4 to 180; arcs are those "
+                          "of drawings and those that fine vertices follow (%(default)g)")  # fmt: skip
     boundary.add_argument("--min-size", type=positive, default=0.0, metavar="L",
                           help="with --density even: elements grow inwards to this edge length at least "
                           "(default: the boundary's)")  # fmt: skip
@@ -111,7 +116,7 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(outputs, SUFFIXES)
     domains = load_all(
         options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading,
-        allow_large=options.yes,
+        curvature=options.curvature, allow_large=options.yes,
     )  # fmt: skip
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
@@ -147,7 +152,10 @@ def check_outputs(paths: Sequence[Path], known: Sequence[str]) -> None:
 
 
 def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> str:
-    """A line on a mesh that was written, with its ``quality()``, and one on what recovery it needed, if any."""
+    """A line on a mesh that was written, with its ``quality()``.
+
+    One more says how far a split outline is from the given one, and one what recovery was needed, if any.
+    """
     made = mesh.result
     line = (
         f"{mesh.name}: {len(mesh.quads)} quads in {1e3 * made.seconds_finished:.0f} ms, "
@@ -157,4 +165,9 @@ def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path])
     helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
     if made.backtracks:
         helped.append(f"{made.backtracks} backtracks")
-    return f"{line}\n{' ' * len(mesh.name)}  recovery: {', '.join(helped)}" if helped else line
+    lines = [line]
+    if made.deviation > 0.0:
+        lines.append(f"outline: split, and off the given one by {made.deviation:.3g} at most")
+    if helped:
+        lines.append(f"recovery: {', '.join(helped)}")
+    return f"\n{' ' * len(mesh.name)}  ".join(lines)

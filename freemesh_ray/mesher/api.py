@@ -13,6 +13,7 @@ import numpy as np
 from envs.domains.load import from_object, load_all
 from envs.mesh import Mesh as PlainMesh
 from envs.polygons.size_cells import Size, cells
+from envs.polygons.sizing import CURVATURE
 from envs.types import Domain, DomainError, Floats, WantedSizes
 from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
@@ -100,6 +101,7 @@ def mesh(
     *,
     edge_length: float | None = None,
     grading: float = 1.0,
+    curvature: float = CURVATURE,
     min_size: float = 0.0,
     max_size: float = math.inf,
     size: Size | Floats | None = None,
@@ -116,7 +118,8 @@ def mesh(
         polygon: a file's path, a shapely Polygon, an (n, 2) array, or what else ``domains.load.load_all`` and
             ``from_object`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
-        grading: largest over smallest piece; 1: all alike.
+        grading: largest over smallest piece; 1: all alike but for arcs.
+        curvature: where the boundary is split: pieces for a full turn of an arc, 4 to 180.
         min_size, max_size: bounds of the edge length wanted inside, in the polygon's units, for a policy whose scale is
             ``size``; by default those of the boundary.
         size: what is wanted inside, for such a policy: a function of (m, 2) places to (m,) edge lengths, or (m, 3) rows
@@ -137,7 +140,8 @@ def mesh(
         UserError: sizes that are none; PolicyError: sizes for a policy that knows none.
     """
     split: dict[str, Any] = {
-        "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "allow_large": allow_large,
+        "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "curvature": curvature,
+        "allow_large": allow_large,
     }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
         domains = load_all(polygon, **split)
