@@ -15,13 +15,14 @@ from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
 from envs.domains.varied_domain import VariedDomains
 from envs.plug_in import is_spec
-from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings
+from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings, largest_wanted, wanted_at
 from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import BY_SUFFIX
 from envs.readers.python_objects import polygons_of
 from envs.readers.read import Polygons, read
-from envs.types import Domain, DomainError, Floats
+from envs.readers.source import check_file
+from envs.types import Domain, DomainError, Floats, WantedSizes
 
 __all__ = [
     "RandomDomains",
@@ -180,6 +181,49 @@ def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Poly
         elif not looks_like_path(text):
             raise DomainError(unknown_name(text))
     return read(path, edge_length), path.stem, str(path)
+
+
+def own_sizes(spec: str | os.PathLike[str]) -> Floats | None:
+    """The sizes that a polygon file states itself, (m, 3) rows x, y and an edge length: those of a ``.geo``'s points.
+
+    Raises:
+        DomainError: as :func:`load_all`.
+    """
+    path = Path(spec)
+    if BY_SUFFIX.get(path.suffix.lower()) is not BY_SUFFIX[".geo"]:
+        return None
+    from envs.readers import geo
+
+    check_file(path, BY_SUFFIX[".geo"].most_bytes)
+    return geo.sizes_of_file(path)
+
+
+def wanted_sizes(
+    domain: Domain,
+    size: Size | Floats | None,
+    *,
+    edge_length: float | None = None,
+    least: float = 0.0,
+    most: float = np.inf,
+) -> WantedSizes:
+    """What the inside of a domain is to keep to, of what its boundary was split by.
+
+    Args:
+        domain: split by the size.
+        size, edge_length: as :func:`load_all` was given them.
+        least, most: bounds of the size inside; by default as far up as the size and the edge length say.
+
+    Raises:
+        UserError: sizes that are none.
+    """
+    if size is None:
+        return WantedSizes(least, most)
+    points = wanted_at(size, [rings_of(domain)])
+    largest = max(least, largest_wanted(size, points, edge_length))
+    ends = domain.points[domain.segments]
+    if most == np.inf and largest > np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max():
+        most = largest
+    return WantedSizes(least, most, points)
 
 
 def rings_of(domain: Domain) -> list[Floats]:

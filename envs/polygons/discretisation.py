@@ -17,6 +17,7 @@ from envs.polygons.deviation import bulges
 from envs.polygons.outline import CORNER
 from envs.polygons.parity import made_even
 from envs.polygons.rings import EDGE_LENGTH, HOLE_LEAST, OUTER_LEAST, check_count, extent
+from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE, Sizes, least_pieces, sizes
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
 
@@ -37,6 +38,7 @@ def discretised(
     grading: float = 1.0,
     curvature: float = CURVATURE,
     wanted: Floats | None = None,
+    size: Size | None = None,
 ) -> list[list[Floats]]:
     """The rings of polygons with vertices an edge length apart, an even number in each polygon.
 
@@ -51,6 +53,7 @@ def discretised(
         curvature: segments for a full turn of an arc, 4 to 180; a vertex that turns by more than one of them is a
             corner. No segment is further from the outline than tan(pi / curvature) / 2 of its length.
         wanted: (m, 3) float64, x, y and a size wanted there, from which sizes grow.
+        size: what is wanted at places on the outlines, as a function.
 
     Returns:
         For each polygon its rings in the same orientation.
@@ -72,7 +75,14 @@ def discretised(
         corner = min(CORNER, 2.0 * np.pi / curvature * (1.0 - 1e-9))
         graph = boundary(whole, coarse=edge_length, corner=corner)
         along = sizes(
-            graph, whole, source, edge_length=edge_length, grading=grading, curvature=curvature, wanted=wanted
+            graph,
+            whole,
+            source,
+            edge_length=edge_length,
+            grading=grading,
+            curvature=curvature,
+            wanted=wanted,
+            size=size,
         )
         counts = counts_of(graph, along, source, bulge=0.5 * float(np.tan(np.pi / curvature)))
     even_counts(graph, along, counts, source)

@@ -88,13 +88,14 @@ def domains_of(
         outlines = [checked(rings, where, least=3) for rings, where in zip(polygons, sources, strict=True)]
         wanted = None if size is None else wanted_at(size, outlines)
         if wanted is not None:
-            edge_length = min(float(wanted[:, 2].max()), np.inf if edge_length is None else edge_length)
+            edge_length = largest_wanted(size, wanted, edge_length)
         if edge_length is not None and not allow_large:
             for rings, where in zip(outlines, sources, strict=True):
                 check_elements(expected_in_rings(rings, edge_length), where)
         split = discretised(
-            outlines, source, edge_length=edge_length, grading=grading, curvature=curvature, wanted=wanted
-        )
+            outlines, source, edge_length=edge_length, grading=grading, curvature=curvature, wanted=wanted,
+            size=within(size, outlines) if callable(size) else None,
+        )  # fmt: skip
         valid = [checked_again(rings, where, edge_length) for rings, where in zip(split, sources, strict=True)]
         if edge_length is not None:
             deviations = [deviation(before, after) for before, after in zip(outlines, split, strict=True)]
@@ -129,6 +130,19 @@ def wanted_at(size: Size | Floats, polygons: Sequence[Sequence[Floats]]) -> Floa
             f"({high[0]:g}, {high[1]:g}); give both in the same units"
         )
     return rows
+
+
+def largest_wanted(size: Size | Floats | None, wanted: Floats, edge_length: float | None) -> float:
+    """The largest edge length of a boundary: of rows, which say nothing of places further away, the one given if any.
+
+    Args:
+        size, edge_length: see `domains_of`.
+        wanted: see `wanted_at`.
+    """
+    largest = float(wanted[:, 2].max())
+    if edge_length is None:
+        return largest
+    return min(largest, edge_length) if callable(size) else edge_length
 
 
 def checked(rings: Sequence[ArrayLike], source: str, least: int = OUTER_LEAST) -> list[Floats]:

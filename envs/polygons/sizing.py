@@ -20,6 +20,7 @@ from envs.polygons.boundary import Boundary, Chain
 from envs.polygons.cones import Cones
 from envs.polygons.gaps import gaps
 from envs.polygons.rings import EDGE_LENGTH, check_count
+from envs.polygons.size_cells import Size
 from envs.types import DomainError, Floats, Ints
 
 #: A graded segment is about this times as long as its smaller neighbour.
@@ -101,6 +102,7 @@ def sizes(
     grading: float = 1.0,
     curvature: float = CURVATURE,
     wanted: Floats | None = None,
+    size: Size | None = None,
 ) -> list[Sizes]:
     """The wanted sizes along each chain of a boundary.
 
@@ -113,6 +115,7 @@ def sizes(
             re-entrant corners, short sides and narrow places.
         curvature: segments for a full turn of an arc.
         wanted: (m, 3) float64, x, y and a size that is wanted there.
+        size: what is wanted at places on the boundary.
 
     Raises:
         DomainError: sizes so small that there would be too many segments.
@@ -129,7 +132,7 @@ def sizes(
     if wanted is not None:
         sources.append(wanted)
     growing = np.concatenate([np.zeros((0, 3)), *sources])
-    return _sampled(graph.chains, curved, Cones(growing[growing[:, 2] < edge_length], SLOPE), edge_length, source)
+    return _sampled(graph.chains, curved, Cones(growing[growing[:, 2] < edge_length], SLOPE), edge_length, source, size)
 
 
 def _arc_sources(chain: Chain, parts: Arcs, edge_length: float) -> Floats:
@@ -164,11 +167,17 @@ def _reentrant_sources(graph: Boundary, edge_length: float, grading: float) -> F
 
 
 def _sampled(
-    chains: Sequence[Chain], curved: Sequence[Arcs], cones: Cones, edge_length: float, source: str
+    chains: Sequence[Chain],
+    curved: Sequence[Arcs],
+    cones: Cones,
+    edge_length: float,
+    source: str,
+    size: Size | None,
 ) -> list[Sizes]:
     """The sizes of all chains, sampled as finely as they change."""
     starts = [np.minimum(parts.sizes, edge_length) for parts in curved]
-    sampled = [bool(cones.groups) or bool((own < edge_length).any()) for own in starts]
+    everywhere = bool(cones.groups) or size is not None
+    sampled = [everywhere or bool((own < edge_length).any()) for own in starts]
     owner = np.concatenate([np.full(len(own), i) for i, own in enumerate(starts)])
     low = np.concatenate([parts.bounds[:-1] for parts in curved])
     high = np.concatenate([parts.bounds[1:] for parts in curved])
@@ -176,7 +185,12 @@ def _sampled(
     chosen = np.array(sampled)[owner]
     owner, low, high, most = owner[chosen], low[chosen], high[chosen], most[chosen]
     walk = _Walk(chains)
-    at_low, at_high = (cones(walk.places(owner, at), most) for at in (low, high))
+
+    def sizes_there(owner: Ints, along: Floats, most: Floats) -> Floats:
+        places = walk.places(owner, along)
+        return cones(places, most if size is None or not len(places) else np.minimum(most, size(places)))
+
+    at_low, at_high = (sizes_there(owner, at, most) for at in (low, high))
     done: list[tuple[Ints, Floats, Floats, Floats, Floats]] = []
     total = 0
     while len(low):
@@ -189,7 +203,7 @@ def _sampled(
         # Samples are at most half a size apart and hardly less than a quarter.
         check_count((total + len(low)) * SAMPLED / 4.0, source, f"use a larger {EDGE_LENGTH}, or larger sizes")
         middle = 0.5 * (low + high)
-        at_middle = cones(walk.places(owner, middle), most)
+        at_middle = sizes_there(owner, middle, most)
         owner, most = np.tile(owner, 2), np.tile(most, 2)
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         at_low, at_high = np.concatenate([at_low, at_middle]), np.concatenate([at_middle, at_high])
