@@ -149,7 +149,7 @@ def sizes_of_file(path: Path) -> Floats | None:
         places = int(min(2.0 * np.ceil(2.0 * along[-1] / min(ends)) + 1.0, MOST_PLACES)) if ends[0] != ends[1] else 2
         at = np.linspace(0.0, along[-1], places)
         xy = [np.interp(at, along, points[:, axis]) for axis in (0, 1)]
-        rows.append(np.column_stack([*xy, np.linspace(*ends, places)]))
+        rows.append(np.column_stack([*xy, np.linspace(ends[0], ends[1], places)]))
     found = np.concatenate(rows)
     return found if len(found) else None
 

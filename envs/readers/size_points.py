@@ -20,7 +20,8 @@ def sizes_of_file(path: Path) -> Floats:
     Raises:
         DomainError: a row without three numbers, or none at all; UserError: a size that is not positive.
     """
-    source, order, rows = str(path), [0, 1, 2], []
+    source, order = str(path), [0, 1, 2]
+    rows: list[list[float | None]] = []
     for number, line in enumerate(text_of(path).splitlines(), 1):
         row = cells(line.partition("#")[0].strip())
         if not any(row):

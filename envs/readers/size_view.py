@@ -29,7 +29,7 @@ def sizes_of_file(path: Path) -> Size | Floats:
     """
     source = str(path)
     text = COMMENT.sub(lambda match: "\n" * match.group().count("\n"), text_of(path))
-    at, blocks = 0, []
+    at, blocks = 0, list[Floats]()
     for match in ELEMENT.finditer(text):
         between(text, at, match.start(), source)
         at = match.end()
