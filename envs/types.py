@@ -54,12 +54,15 @@ class Domain:
         ring: (n,) int64, indices into ``points`` in counter-clockwise order, n even.
         segments: (s, 2) int64, indices into ``points`` of the given boundary segments (the ring's edges without
             the seams'); the mesh keeps them exactly.
+        deviation: how far the given outline lies off the segments at most, where an edge length or a size split it; in
+            domain units.
     """
 
     name: str
     points: Floats
     ring: Ints
     segments: Ints
+    deviation: float = 0.0
 
     @property
     def vertices(self) -> Floats:

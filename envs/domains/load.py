@@ -15,11 +15,14 @@ from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
 from envs.domains.varied_domain import VariedDomains
 from envs.plug_in import is_spec
-from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings
+from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings, largest_wanted, wanted_at
+from envs.polygons.size_cells import Size
+from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import BY_SUFFIX
 from envs.readers.python_objects import polygons_of
 from envs.readers.read import Polygons, read
-from envs.types import Domain, DomainError, Floats
+from envs.readers.source import check_file
+from envs.types import Domain, DomainError, Floats, WantedSizes
 
 __all__ = [
     "RandomDomains",
@@ -67,6 +70,8 @@ def load(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    curvature: float = CURVATURE,
+    size: Size | Floats | None = None,
     allow_large: bool = False,
 ) -> Domain:
     """The one domain that ``spec`` names; see :func:`load_all`.
@@ -74,13 +79,14 @@ def load(
     Raises:
         DomainError: as :func:`load_all`, or another number of polygons than one.
     """
-    polygons, name, source = given(spec, edge_length)
+    polygons, name, source = given(spec, np.inf if edge_length is None and size is not None else edge_length)
     if len(polygons) != 1:
         fix = "keep one in each file" if polygons else "give one"
         raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; {fix}")
     return domains_of(
-        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, allow_large=allow_large
-    )[0]
+        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, curvature=curvature,
+        size=size, allow_large=allow_large,
+    )[0]  # fmt: skip
 
 
 def load_all(
@@ -89,6 +95,8 @@ def load_all(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    curvature: float = CURVATURE,
+    size: Size | Floats | None = None,
     allow_large: bool = False,
 ) -> list[Domain]:
     """Every domain that ``spec`` names.
@@ -104,18 +112,24 @@ def load_all(
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
         grading: largest segment over the smallest, 1 (even) to 1000: above 1 segments shrink from ``edge_length``
-            near short sides and sharp corners, and grow again smoothly.
+            near short sides, sharp and re-entrant corners and in narrow places, and grow again smoothly.
+        curvature: segments for a full turn of an arc, 4 to 180, where the outline is discretised: arcs of drawings, and
+            those that fine vertices follow.
+        size: discretise the outline by this size, and by ``edge_length`` where that is less: a function of (m, 2)
+            places to (m,) edge lengths, asked inside the polygons alone, or (m, 3) rows x, y and an edge length, from
+            which sizes grow.
         allow_large: also where ``edge_length`` asks for a mesh of more than 2 million elements.
 
     Raises:
         DomainError: the source, the place and the fix in one line.
     """
-    polygons, name, source = given(spec, edge_length)
+    polygons, name, source = given(spec, np.inf if edge_length is None and size is not None else edge_length)
     if not polygons:
         raise DomainError(f"{source}: no polygon in it; give at least one")
     return domains_of(
-        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, allow_large=allow_large
-    )
+        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, curvature=curvature,
+        size=size, allow_large=allow_large,
+    )  # fmt: skip
 
 
 def from_object(
@@ -125,6 +139,8 @@ def from_object(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    curvature: float = CURVATURE,
+    size: Size | Floats | None = None,
     allow_large: bool = False,
 ) -> list[Domain]:
     """The domains of a polygon that a program holds, one for each polygon in it.
@@ -136,7 +152,7 @@ def from_object(
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
         fix_parity: as for :func:`load_all`.
         edge_length: as for :func:`load_all`.
-        grading: as for :func:`load_all`.
+        grading, curvature, size: as for :func:`load_all`.
         allow_large: as for :func:`load_all`.
 
     Raises:
@@ -146,8 +162,9 @@ def from_object(
     if not polygons:
         raise DomainError(f"{name}: no polygon in it; give at least one")
     return domains_of(
-        polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading, allow_large=allow_large
-    )
+        polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading, curvature=curvature,
+        size=size, allow_large=allow_large,
+    )  # fmt: skip
 
 
 def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Polygons, str, str]:
@@ -164,6 +181,49 @@ def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Poly
         elif not looks_like_path(text):
             raise DomainError(unknown_name(text))
     return read(path, edge_length), path.stem, str(path)
+
+
+def own_sizes(spec: str | os.PathLike[str]) -> Floats | None:
+    """The sizes that a polygon file states itself, (m, 3) rows x, y and an edge length: those of a ``.geo``'s points.
+
+    Raises:
+        DomainError: as :func:`load_all`.
+    """
+    path = Path(spec)
+    if BY_SUFFIX.get(path.suffix.lower()) is not BY_SUFFIX[".geo"]:
+        return None
+    from envs.readers import geo
+
+    check_file(path, BY_SUFFIX[".geo"].most_bytes)
+    return geo.sizes_of_file(path)
+
+
+def wanted_sizes(
+    domain: Domain,
+    size: Size | Floats | None,
+    *,
+    edge_length: float | None = None,
+    least: float = 0.0,
+    most: float = np.inf,
+) -> WantedSizes:
+    """What the inside of a domain is to keep to, of what its boundary was split by.
+
+    Args:
+        domain: split by the size.
+        size, edge_length: as :func:`load_all` was given them.
+        least, most: bounds of the size inside; by default as far up as the size and the edge length say.
+
+    Raises:
+        UserError: sizes that are none.
+    """
+    if size is None:
+        return WantedSizes(least, most)
+    points = wanted_at(size, [rings_of(domain)])
+    largest = max(least, largest_wanted(size, points, edge_length))
+    ends = domain.points[domain.segments]
+    if most == np.inf and largest > np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max():
+        most = largest
+    return WantedSizes(least, most, points)
 
 
 def rings_of(domain: Domain) -> list[Floats]:

@@ -37,9 +37,18 @@ class Chain:
     turn: float
 
     @cached_property
+    def along(self) -> Floats:
+        """(k,) distance of each point from the first one, along the chain."""
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
+
+    @property
     def length(self) -> float:
         """Length along the chain."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return float(self.along[-1])
+
+    def at(self, distances: Floats) -> Floats:
+        """(m, 2) places at (m,) distances from the first point along the chain."""
+        return np.stack([np.interp(distances, self.along, self.points[:, axis]) for axis in (0, 1)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -57,23 +66,26 @@ class Boundary:
     Attributes:
         chains: each stretch once, however many rings it is part of.
         rings: for each polygon, for each of its rings, the chains in order.
-        sharpest: (nodes,) smallest inner angle at each vertex, radians; 2 pi where no ring has a node.
+        sharpest: (nodes,) smallest inner angle at each vertex, radians.
+        widest: (nodes,) largest inner angle at each vertex, radians.
     """
 
     chains: list[Chain]
     rings: list[list[list[Use]]]
     sharpest: Floats
+    widest: Floats
 
 
-def boundary(polygons: Sequence[Sequence[Floats]], coarse: float) -> Boundary:
+def boundary(polygons: Sequence[Sequence[Floats]], coarse: float, corner: float = CORNER) -> Boundary:
     """The graph of polygons.
 
-    A vertex stays a node where the outline turns by more than ``CORNER``, where one of its segments is at least
+    A vertex stays a node where the outline turns by more than ``corner``, where one of its segments is at least
     ``coarse`` long, or where more or fewer than two segments meet. A ring without any keeps its first vertex.
 
     Args:
         polygons: for each its rings, each (n, 2), the outer one first; shared vertices are equal number for number.
         coarse: the length from which a segment is a side in its own right; 0 keeps every vertex.
+        corner: the turn from which a vertex is a corner, radians.
     """
     rings = [ring for polygon in polygons for ring in polygon]
     outer = np.array([r == 0 for polygon in polygons for r in range(len(polygon))])
@@ -81,18 +93,19 @@ def boundary(polygons: Sequence[Sequence[Floats]], coarse: float) -> Boundary:
     _, ids = np.unique(everything[:, 0] + 1j * everything[:, 1], return_inverse=True)
     walks = np.split(ids.astype(np.int64), np.cumsum([len(ring) for ring in rings])[:-1])
     stays = degree(walks, int(ids.max()) + 1) != 2
-    sharpest = np.full(len(stays), 2 * np.pi)
+    sharpest, widest = np.full(len(stays), 2 * np.pi), np.zeros(len(stays))
     for ring, walk, is_outer in zip(rings, walks, outer, strict=True):
         turn, length = turns(ring), np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
-        stays[walk[(np.abs(turn) > CORNER) | (np.maximum(length, np.roll(length, 1)) >= coarse)]] = True
+        stays[walk[(np.abs(turn) > corner) | (np.maximum(length, np.roll(length, 1)) >= coarse)]] = True
         # Walked with the inside to the left, a turn to the left leaves less than pi inside.
         inside = np.pi - turn * (1.0 if (turn.sum() > 0) == is_outer else -1.0)
         np.minimum.at(sharpest, walk, inside)
+        np.maximum.at(widest, walk, inside)
     chains: list[Chain] = []
     known: dict[tuple[int, int, int], int] = {}
     used = [uses(ring, walk, stays, chains, known) for ring, walk in zip(rings, walks, strict=True)]
     bounds = np.cumsum([0, *(len(polygon) for polygon in polygons)])
-    return Boundary(chains, [used[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)], sharpest)
+    return Boundary(chains, [used[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)], sharpest, widest)
 
 
 def degree(walks: Sequence[Ints], nodes: int) -> Ints:

@@ -13,16 +13,32 @@ import numpy as np
 import shapely
 
 from envs.polygons.boundary import Boundary, Chain, boundary
+from envs.polygons.deviation import bulges
+from envs.polygons.outline import CORNER
 from envs.polygons.parity import made_even
 from envs.polygons.rings import EDGE_LENGTH, HOLE_LEAST, OUTER_LEAST, check_count, extent
-from envs.polygons.sizing import Sizes, least_pieces, sizes
+from envs.polygons.size_cells import Size
+from envs.polygons.sizing import CURVATURE, Sizes, least_pieces, sizes
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats, Ints
 
 Polygon = Sequence[Floats]
 
+#: How much more one vertex on a chain that has a twin distorts, which breaks a symmetry, as the logarithm of a ratio.
+TWIN = 0.1
+
+#: Chains are twins when their integrals of ds / h differ by less than this share.
+ALIKE = 1e-6
+
 
 def discretised(
-    polygons: Sequence[Polygon], source: str, *, edge_length: float | None, grading: float = 1.0
+    polygons: Sequence[Polygon],
+    source: str,
+    *,
+    edge_length: float | None,
+    grading: float = 1.0,
+    curvature: float = CURVATURE,
+    wanted: Floats | None = None,
+    size: Size | None = None,
 ) -> list[list[Floats]]:
     """The rings of polygons with vertices an edge length apart, an even number in each polygon.
 
@@ -32,7 +48,12 @@ def discretised(
         edge_length: length of a segment, in the polygons' units: a side of length l gets round(l / edge_length) >= 1
             segments. None: the given vertices alone, and where a total is odd one more at the middle of a segment,
             the longest one that makes it even.
-        grading: largest size over the smallest; above 1 the sizes shrink near short sides and sharp corners.
+        grading: largest size over the smallest; above 1 the sizes shrink near short sides, sharp and re-entrant corners
+            and in narrow places.
+        curvature: segments for a full turn of an arc, 4 to 180; a vertex that turns by more than one of them is a
+            corner. No segment is further from the outline than tan(pi / curvature) / 2 of its length.
+        wanted: (m, 3) float64, x, y and a size wanted there, from which sizes grow.
+        size: what is wanted at places on the outlines, as a function.
 
     Returns:
         For each polygon its rings in the same orientation.
@@ -43,22 +64,32 @@ def discretised(
     if edge_length is None:
         graph = boundary(polygons, coarse=0.0)
         longest = max(chain.length for chain in graph.chains)
-        wanted = [Sizes(chain.length, longest, (longest, longest)) for chain in graph.chains]
+        along = [Sizes.even(chain.length, longest) for chain in graph.chains]
         counts = np.ones(len(graph.chains), dtype=np.int64)
     else:
         # Sizes above the edge length do not occur, so this is the least that is possible.
         perimeter = sum(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum() for rings in polygons for r in rings)
         check_count(perimeter / edge_length, source, f"use a larger {EDGE_LENGTH}")
-        graph = boundary(conforming(polygons), coarse=edge_length)
-        wanted = sizes(graph, edge_length, grading)
-        counts = counts_of(graph, wanted, source)
-    even_counts(graph, wanted, counts, source)
+        whole = conforming(polygons)
+        # By less, so that a polygon of as many vertices as a full turn has segments keeps them.
+        corner = min(CORNER, 2.0 * np.pi / curvature * (1.0 - 1e-9))
+        graph = boundary(whole, coarse=edge_length, corner=corner)
+        along = sizes(
+            graph,
+            whole,
+            source,
+            edge_length=edge_length,
+            grading=grading,
+            curvature=curvature,
+            wanted=wanted,
+            size=size,
+        )
+        counts = counts_of(graph, along, source, bulge=0.5 * float(np.tan(np.pi / curvature)))
+    even_counts(graph, along, counts, source)
     for polygon in graph.rings:
         total = int(sum(counts[use.chain] for ring in polygon for use in ring))
         check_count(total, source, f"use a larger {EDGE_LENGTH}", holes=len(polygon) > 1)
-    vertices = [
-        placed(chain, size, int(count)) for chain, size, count in zip(graph.chains, wanted, counts, strict=True)
-    ]
+    vertices = [placed(chain, size, int(count)) for chain, size, count in zip(graph.chains, along, counts, strict=True)]
     return [
         [
             np.concatenate([vertices[use.chain][:0:-1] if use.backward else vertices[use.chain][:-1] for use in ring])
@@ -95,12 +126,24 @@ def conforming(polygons: Sequence[Polygon]) -> list[list[Floats]]:
     return [rings[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
 
 
-def counts_of(graph: Boundary, wanted: Sequence[Sizes], source: str) -> Ints:
-    """(chains,) segments of each chain: its integral of ds / h, rounded, but enough for its turns and for its rings."""
-    measures = np.array([size.measures[-1] for size in wanted])
+def counts_of(graph: Boundary, wanted: Sequence[Sizes], source: str, bulge: float = np.inf) -> Ints:
+    """(chains,) segments of each chain: its integral of ds / h, rounded, but enough for its shape and for its rings.
+
+    Args:
+        graph: the boundary.
+        wanted: for each chain.
+        source: the name that messages begin with.
+        bulge: how far a chain may lie off a segment, over its length.
+    """
+    measures = np.array([size.measure for size in wanted])
     used = np.bincount([use.chain for polygon in graph.rings for ring in polygon for use in ring])
     check_count(float(measures @ used), source, f"use a larger {EDGE_LENGTH}")
     counts = np.maximum(np.round(measures).astype(np.int64), [least_pieces(chain) for chain in graph.chains])
+    for i, (chain, size) in enumerate(zip(graph.chains, wanted, strict=True)):
+        # No piece has more than a bend once it is shorter than the given segments, so this ends.
+        while chain.turn > 0.0 and bulges(chain.points, chain.along, stations(size, int(counts[i]))).max() > bulge:
+            counts[i] += max(1, counts[i] // 8)
+            check_count(float(counts @ used), source, f"use a larger {EDGE_LENGTH}")
     for polygon in graph.rings:
         for r, ring in enumerate(polygon):
             chains = [use.chain for use in ring]
@@ -119,9 +162,9 @@ def even_counts(graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: 
                 users[use.chain].append(p)
     totals = [sum(int(counts[use.chain]) for ring in polygon for use in ring) for polygon in graph.rings]
     odd = [p for p, total in enumerate(totals) if total % 2]
-    measures = np.array([size.measures[-1] for size in wanted])
+    measures = np.array([size.measure for size in wanted])
     # How far, as a ratio, the segments' size then is from the wanted one.
-    costs = np.abs(np.log(measures / (counts + 1)))
+    costs = np.abs(np.log(measures / (counts + 1))) + TWIN * have_twins(measures)
     chosen = made_even(users, costs, odd)
     if chosen is None:
         raise DomainError(
@@ -131,9 +174,20 @@ def even_counts(graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: 
     counts[list(chosen)] += 1
 
 
+def have_twins(measures: Floats) -> np.ndarray:
+    """(chains,) bool, which chains are as long, by their integrals of ds / h, as another one."""
+    order = np.argsort(measures)
+    close = np.diff(measures[order]) <= ALIKE * measures[order][:-1]
+    found = np.zeros(len(measures), dtype=np.bool_)
+    found[order] = np.append(close, False) | np.append(False, close)
+    return found
+
+
+def stations(size: Sizes, count: int) -> Floats:
+    """(count + 1,) distances along a chain from which pieces begin, and its length."""
+    return np.concatenate([[0.0], size.split(count), size.at[-1:]])
+
+
 def placed(chain: Chain, size: Sizes, count: int) -> Floats:
     """(count + 1, 2) vertices along a chain, its ends exactly as given."""
-    at = size.split(count)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(chain.points, axis=0), axis=1))])
-    inner = np.stack([np.interp(at, along, chain.points[:, axis]) for axis in (0, 1)], axis=1)
-    return np.concatenate([chain.points[:1], inner, chain.points[-1:]])
+    return np.concatenate([chain.points[:1], chain.at(size.split(count)), chain.points[-1:]])

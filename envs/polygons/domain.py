@@ -12,12 +12,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
+from envs.errors import UserError
 from envs.polygons import ring_with_seams, seam
+from envs.polygons.deviation import deviation
 from envs.polygons.discretisation import discretised
 from envs.polygons.mesh_size import check_elements, expected_in_rings
 from envs.polygons.parity import with_even_count
@@ -32,9 +35,11 @@ from envs.polygons.rings import (
     check_nesting,
     segment_graph,
 )
-from envs.polygons.sizing import check_sizes
+from envs.polygons.size_cells import Size, cells
+from envs.polygons.size_within import within
+from envs.polygons.sizing import CURVATURE, check_sizes
 from envs.printable import printable
-from envs.types import Domain, DomainError, Floats
+from envs.types import Domain, DomainError, Floats, WantedSizes
 
 
 def domains_of(
@@ -45,6 +50,8 @@ def domains_of(
     fix_parity: bool = False,
     edge_length: float | None = None,
     grading: float = 1.0,
+    curvature: float = CURVATURE,
+    size: Size | Floats | None = None,
     allow_large: bool = False,
 ) -> list[Domain]:
     """The domain of each polygon, with common points where they share their boundary.
@@ -56,32 +63,86 @@ def domains_of(
         source: what messages begin with.
         fix_parity: split the longest segment when a polygon's total of vertices is odd.
         edge_length: discretise the outlines by this length; their totals are then even.
-        grading: largest size over the smallest, 1 to 1000; needs an edge length.
+        grading: largest size over the smallest, 1 to 1000; needs an edge length, or a size.
+        curvature: segments for a full turn of an arc, 4 to 180, where outlines are discretised.
+        size: discretise the outlines by this size, and by the edge length where that is less: a function of (m, 2)
+            places to (m,) edge lengths, asked inside the polygons alone, or (m, 3) rows x, y and an edge length.
         allow_large: also where an edge length asks for a mesh of more than ``mesh_size.MOST_ELEMENTS``.
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several.
+        UserError: a size that is none.
     """
-    check_sizes(edge_length, grading, source)
+    check_sizes(edge_length, grading, curvature, source, sized=size is not None)
     name = printable(name)
     names, sources = [name], [source]
     if len(polygons) > 1:
         names = [f"{name}[{i}]" for i in range(len(polygons))]
         sources = [f"{source}: polygon {i}" for i in range(len(polygons))]
     valid: Iterable[list[Floats]]
-    if edge_length is None and not (fix_parity and len(polygons) > 1):
+    deviations = [0.0] * len(polygons)
+    if edge_length is None and size is None and not (fix_parity and len(polygons) > 1):
         valid = (checked(rings, where) for rings, where in zip(polygons, sources, strict=True))
     else:
         # What is wrong with an outline is said in terms of its own vertices, before it gets others.
         outlines = [checked(rings, where, least=3) for rings, where in zip(polygons, sources, strict=True)]
+        wanted = None if size is None else wanted_at(size, outlines)
+        if wanted is not None:
+            edge_length = largest_wanted(size, wanted, edge_length)
         if edge_length is not None and not allow_large:
             for rings, where in zip(outlines, sources, strict=True):
                 check_elements(expected_in_rings(rings, edge_length), where)
-        split = discretised(outlines, source, edge_length=edge_length, grading=grading)
-        valid = (checked_again(rings, where, edge_length) for rings, where in zip(split, sources, strict=True))
+        split = discretised(
+            outlines, source, edge_length=edge_length, grading=grading, curvature=curvature, wanted=wanted,
+            size=within(size, outlines) if callable(size) else None,
+        )  # fmt: skip
+        valid = [checked_again(rings, where, edge_length) for rings, where in zip(split, sources, strict=True)]
+        if edge_length is not None:
+            deviations = [deviation(before, after) for before, after in zip(outlines, split, strict=True)]
     return [
-        joined(rings, called, where, fix_parity) for rings, called, where in zip(valid, names, sources, strict=True)
+        replace(joined(rings, called, where, fix_parity), deviation=off)
+        for rings, called, where, off in zip(valid, names, sources, deviations, strict=True)
     ]
+
+
+def wanted_at(size: Size | Floats, polygons: Sequence[Sequence[Floats]]) -> Floats:
+    """(m, 3) float64, x, y and the edge length wanted there: rows as they are, or a function's values in cells.
+
+    Args:
+        size: see `domains_of`.
+        polygons: valid rings, for each the outer one first.
+
+    Raises:
+        UserError: rows that are none, none of them near the polygons, or a function's value that is no size.
+    """
+    points = np.concatenate([ring for rings in polygons for ring in rings])
+    low, high = points.min(axis=0), points.max(axis=0)
+    if callable(size):
+        return cells(within(size, polygons), low, high).points
+    rows = WantedSizes(points=np.asarray(size, dtype=np.float64)).points
+    if not len(rows):
+        raise UserError("points with sizes: no points; give rows x, y and a size")
+    beyond = np.maximum(np.maximum(low - rows[:, :2], rows[:, :2] - high), 0.0).max(axis=1)
+    if beyond.min() > float((high - low).max()):
+        x, y = rows[beyond.argmin(), :2]
+        raise UserError(
+            f"points with sizes: the nearest one, ({x:g}, {y:g}), is far from the domain, ({low[0]:g}, {low[1]:g}) to "
+            f"({high[0]:g}, {high[1]:g}); give both in the same units"
+        )
+    return rows
+
+
+def largest_wanted(size: Size | Floats | None, wanted: Floats, edge_length: float | None) -> float:
+    """The largest edge length of a boundary: of rows, which say nothing of places further away, the one given if any.
+
+    Args:
+        size, edge_length: see `domains_of`.
+        wanted: see `wanted_at`.
+    """
+    largest = float(wanted[:, 2].max())
+    if edge_length is None:
+        return largest
+    return min(largest, edge_length) if callable(size) else edge_length
 
 
 def checked(rings: Sequence[ArrayLike], source: str, least: int = OUTER_LEAST) -> list[Floats]:

@@ -41,6 +41,12 @@ MOST_BEZIER = 50
 
 Defined = TypeVar("Defined")
 
+#: A size at a point from which on it is none: Gmsh's own default is 1e22.
+MOST_SIZE = 1e21
+
+#: Places along a curve at most whose sizes are told.
+MOST_PLACES = 10_000
+
 #: Two directions whose cross product is below this share of their lengths are one.
 PARALLEL = 1e-12
 
@@ -70,6 +76,7 @@ class Model:
 
     Attributes:
         points: coordinates in the plane.
+        sizes: edge lengths at points, where the script states any.
         curves: the curves.
         loops: signed curve tags, negative against the curve's direction.
         surfaces: loop tags, the outer one first.
@@ -77,6 +84,7 @@ class Model:
     """
 
     points: Table[tuple[float, float]] = field(default_factory=Table)
+    sizes: dict[int, float] = field(default_factory=dict)
     curves: Table[Curve] = field(default_factory=Table)
     loops: Table[list[int]] = field(default_factory=Table)
     surfaces: Table[list[int]] = field(default_factory=Table)
@@ -112,6 +120,38 @@ def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[
     node = {tag: i for i, tag in enumerate(model.points)}
     ends = np.array([(node[c.points[0]], node[c.points[-1]]) for c in model.curves.values()], dtype=np.int64)
     return nested(faces(list(flat.values()), ends, source), source)
+
+
+def sizes_of_file(path: Path) -> Floats | None:
+    """The sizes that a script states at its points, along its curves: as in Gmsh, linear from one end to the other.
+
+    Returns:
+        (m, 3) float64 rows x, y and a size; None where no end of a curve has one, or where curves are transfinite,
+        which have their segments already.
+
+    Raises:
+        DomainError: as `polygons_of_file`.
+    """
+    source = str(path)
+    model = model_of(text_of(path), source)
+    if model.counts:
+        return None
+    rows = [np.zeros((0, 3))]
+    for curve in model.curves.values():
+        ends = [model.sizes.get(curve.points[end], np.nan) for end in (0, -1)]
+        points = flattened(model, curve, curves.flattening(1.0, np.inf), source)
+        if np.isnan(ends).any():
+            stated = [[*points[-end], ends[end]] for end in (0, 1) if ends[end] > 0.0]
+            rows.append(np.array(stated).reshape(-1, 3))
+            continue
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        # Sizes grow from each place on: between two of them they must not, by more than the line says.
+        places = int(min(2.0 * np.ceil(2.0 * along[-1] / min(ends)) + 1.0, MOST_PLACES)) if ends[0] != ends[1] else 2
+        at = np.linspace(0.0, along[-1], places)
+        xy = [np.interp(at, along, points[:, axis]) for axis in (0, 1)]
+        rows.append(np.column_stack([*xy, np.linspace(ends[0], ends[1], places)]))
+    found = np.concatenate(rows)
+    return found if len(found) else None
 
 
 def model_of(text: str, source: str) -> Model:
@@ -156,6 +196,7 @@ def statement(script: Script, model: Model) -> None:
         if len(coordinates) < 2:
             raise script.fault("a point needs x, y and z; correct the statement")
         model.points[tag] = (coordinates[0] + 0.0, coordinates[1] + 0.0)
+        state_size(model, [tag], coordinates[3] if len(coordinates) > 3 else np.inf)
     elif word in LEAST_POINTS and second == "(":
         tag = tag_of(script)
         points = known(script, script.tags(), model.points, "point", signed=False)
@@ -168,6 +209,11 @@ def statement(script: Script, model: Model) -> None:
         if script.next.text == "Plane":
             script.skip_statement()
             return
+    elif (word, second) == ("MeshSize", "{") or (word, second) == ("Characteristic", "Length"):
+        if second == "Length":
+            script.take()
+        if not point_sizes(script, model):
+            return
     elif word == "DefineConstant":
         constants(script)
     elif script.next.text in ("=", "+=", "-=", "*=", "/="):
@@ -179,6 +225,33 @@ def statement(script: Script, model: Model) -> None:
         fix = "open the file in Gmsh and save the mesh as .msh"
         raise script.fault(f"{word[:40]!r} is not understood here; {fix}", line)
     script.expect(";")
+
+
+def state_size(model: Model, tags: list[int], size: float) -> None:
+    """Note the size at points; as in Gmsh 0, or a huge one, is none."""
+    for tag in tags:
+        model.sizes.pop(tag, None)
+        if 0.0 < size < MOST_SIZE:
+            model.sizes[tag] = size
+
+
+def point_sizes(script: Script, model: Model) -> bool:
+    """``MeshSize {tags} = size``; False where it asks for the points of something else, and was passed over."""
+    everything = script.taken("{") and script.taken(":")
+    named = script.next.kind == "name" and script.next.text not in script.variables
+    if named or (everything and script.next.text != "}"):
+        while script.next.text != "=" and script.next.kind != "end":
+            script.take()
+        script.skip_statement()
+        return False
+    if everything:
+        script.expect("}")
+        tags = list(model.points)
+    else:
+        tags = known(script, script.tags(opened=True), model.points, "point", signed=False)
+    script.expect("=")
+    state_size(model, tags, script.number())
+    return True
 
 
 def tag_of(script: Script) -> int:

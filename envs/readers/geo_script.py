@@ -122,16 +122,18 @@ class Script:
             raise self.fault(f"{value!r} where a whole number is needed; correct the statement")
         return int(value)
 
-    def tags(self) -> list[int]:
-        """A list of tags in braces, ``{1, 2, 5:8, -3}``, or one tag."""
-        values = self.numbers() if self.next.text == "{" else [self.number()]
+    def tags(self, opened: bool = False) -> list[int]:
+        """A list of tags in braces, ``{1, 2, 5:8, -3}``, or one tag; ``opened``: behind the first brace."""
+        values = self.numbers(opened) if opened or self.next.text == "{" else [self.number()]
         if not all(math.isfinite(v) and v == math.floor(v) and abs(v) < 2**53 for v in values):
             raise self.fault("a list of tags with a number that is not whole; correct the statement")
         return [int(value) for value in values]
 
-    def numbers(self) -> list[float]:
-        """A list of numbers in braces, ranges ``a:b``, ``a ... b`` and ``a:b:step`` written out."""
-        self.expect("{")
+    def numbers(self, opened: bool = False) -> list[float]:
+        """A list of numbers in braces, ranges ``a:b``, ``a ... b`` and ``a:b:step`` written out; as
+        `tags`."""
+        if not opened:
+            self.expect("{")
         values: list[float] = []
         while not self.taken("}"):
             first = self.number()

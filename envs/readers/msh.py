@@ -86,12 +86,14 @@ class Mesh:
 
     Attributes:
         points: (p, 3) float64, the nodes' coordinates.
+        index: the nodes' rows by their tags.
         lines: (l, 2) int64 nodes of line elements.
         corners: element corners, (e, 3 or 4) int64 blocks of nodes.
         surfaces: (e,) int64, the surface that each element of the same block lies on.
     """
 
     points: Floats
+    index: Index
     lines: list[Ints] = field(default_factory=list)
     corners: list[Ints] = field(default_factory=list)
     surfaces: list[Ints] = field(default_factory=list)
@@ -149,20 +151,29 @@ def mesh_of(content: bytes) -> Mesh:
     Raises:
         ValueError: what is broken; KeyError, IndexError, OverflowError: the same of a binary file's numbers.
     """
+    version, binary, order = header_of(content)
+    nodes, elements = (section(content, name, binary, order) for name in (b"Nodes", b"Elements"))
+    if version.startswith("2"):
+        points, index = nodes_2(nodes, binary)
+        return elements_2(elements, binary, Mesh(points, index))
+    if version in ("4", "4.1"):
+        points, index = nodes_4(nodes)
+        return elements_4(elements, Mesh(points, index))
+    raise ValueError(f"version {version[:10]}; 2.2 and 4.1 are read")
+
+
+def header_of(content: bytes) -> tuple[str, bool, str]:
+    """The version of a file, whether it is binary, and its byte order.
+
+    Raises:
+        ValueError: it says none.
+    """
     header = content.partition(b"$MeshFormat")[2].lstrip().split(b"\n", 1)
     words = header[0].split()
     if len(words) < 3 or len(header) < 2:
         raise ValueError("no $MeshFormat")
-    version, binary = words[0].decode("ascii", "replace"), words[1] == b"1"
-    order = ">" if binary and header[1][:4] == b"\0\0\0\1" else "<"
-    nodes, elements = (section(content, name, binary, order) for name in (b"Nodes", b"Elements"))
-    if version.startswith("2"):
-        points, index = nodes_2(nodes, binary)
-        return elements_2(elements, binary, Mesh(points), index)
-    if version in ("4", "4.1"):
-        points, index = nodes_4(nodes)
-        return elements_4(elements, Mesh(points), index)
-    raise ValueError(f"version {version[:10]}; 2.2 and 4.1 are read")
+    binary = words[1] == b"1"
+    return words[0].decode("ascii", "replace"), binary, ">" if binary and header[1][:4] == b"\0\0\0\1" else "<"
 
 
 def section(content: bytes, name: bytes, binary: bool, order: str) -> Section:
@@ -218,7 +229,7 @@ def nodes_2(data: Section, binary: bool) -> tuple[Floats, Index]:
     return table["x"].astype(np.float64), Index(table["tag"].astype(np.int64))
 
 
-def elements_2(data: Section, binary: bool, mesh: Mesh, index: Index) -> Mesh:
+def elements_2(data: Section, binary: bool, mesh: Mesh) -> Mesh:
     """The mesh with its elements of version 2.2: ``number type tags... nodes...`` each."""
     if binary:
         line, _, rows = data.content.partition(b"\n")
@@ -242,7 +253,7 @@ def elements_2(data: Section, binary: bool, mesh: Mesh, index: Index) -> Mesh:
         surfaces.append(surface)
         total -= count
     for element_type, (blocks, surfaces) in found.items():
-        add(mesh, element_type, index.rows(np.concatenate(blocks)), np.concatenate(surfaces))
+        add(mesh, element_type, mesh.index.rows(np.concatenate(blocks)), np.concatenate(surfaces))
     return mesh
 
 
@@ -259,7 +270,7 @@ def nodes_4(data: Section) -> tuple[Floats, Index]:
     return np.concatenate(points), Index(np.concatenate(tags))
 
 
-def elements_4(data: Section, mesh: Mesh, index: Index) -> Mesh:
+def elements_4(data: Section, mesh: Mesh) -> Mesh:
     """The mesh with its elements of version 4.1: blocks of one type on one entity, ``number nodes...`` each."""
     blocks = data.take(SIZE, 4)[0]
     for _ in range(blocks):
@@ -268,7 +279,7 @@ def elements_4(data: Section, mesh: Mesh, index: Index) -> Mesh:
         nodes = ELEMENTS[element_type][2] if element_type in ELEMENTS else unknown(element_type)
         block = data.take(SIZE, count * (1 + nodes)).reshape(count, 1 + nodes)
         if count:
-            add(mesh, element_type, index.rows(block[:, 1:]), np.full(count, surface, dtype=np.int64))
+            add(mesh, element_type, mesh.index.rows(block[:, 1:]), np.full(count, surface, dtype=np.int64))
     return mesh
 
 

@@ -10,7 +10,9 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import FORMATS as READ
+from envs.readers.sizes import MEANING
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
 from freemesh_ray.formatting.terminal import note, paths, say
@@ -64,7 +66,15 @@ def add(commands: Any) -> None:
                           help="split the outline into pieces of about this length; corners stay "
                           "(default: its vertices as they are)")  # fmt: skip
     boundary.add_argument("--grading", type=positive, default=1.0, metavar="RATIO",
-                          help="largest over smallest piece: finer at corners and small features (1)")  # fmt: skip
+                          help="largest over smallest piece: finer at sharp and re-entrant corners, short sides and "
+                          "narrow places (1)")  # fmt: skip
+    boundary.add_argument("--curvature", type=positive, default=CURVATURE, metavar="N",
+                          help="where the outline is split: pieces for a full turn of an arc, 4 to 180; arcs are those "
+                          "of drawings and those that fine vertices follow (%(default)g)")  # fmt: skip
+    boundary.add_argument("--size", metavar="SIZE",
+                          help="edge lengths by place, of the boundary and inside; an --edge-length bounds them: "
+                          f"{MEANING.replace('%', '%%')} (default: those of a .geo's points, if nothing else is "
+                          "said)")  # fmt: skip
     boundary.add_argument("--min-size", type=positive, default=0.0, metavar="L",
                           help="with --density even: elements grow inwards to this edge length at least "
                           "(default: the boundary's)")  # fmt: skip
@@ -99,32 +109,40 @@ def run(options: argparse.Namespace) -> int:
         DomainError, PolicyError, OutputError: what is wrong with the input.
         MeshingError: a domain that has no valid mesh.
     """
-    from envs.domains.load import load_all
+    from envs.domains.load import load_all, own_sizes, wanted_sizes
+    from envs.readers.sizes import size_of
     from envs.types import WantedSizes
     from freemesh_ray.cli.compiling_line import CompilingLine
     from freemesh_ray.mesher.api import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.policies.policy import SHIPPED, Policy
 
-    sizes = WantedSizes(options.min_size, options.max_size)
+    WantedSizes(options.min_size, options.max_size)
+    said = None if options.size is None else size_of(options.size)
     outputs = [Path(output) for output in options.output]
     check_outputs(outputs, SUFFIXES)
+    own = own_sizes(options.domain) if said is None and options.edge_length is None else None
     domains = load_all(
         options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading,
-        allow_large=options.yes,
+        curvature=options.curvature, size=own if said is None else said, allow_large=options.yes,
     )  # fmt: skip
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean", "effort")}
-    wishes |= {"allow_large": options.yes, "sizes": sizes}
+    if own is not None:
+        note(f"{options.domain}: split by the sizes at its points; --edge-length L splits it evenly")
+        said = own if policy.parameters.sized else None
     for i, domain in enumerate(domains):
-        mesh = Mesh.from_domain(domain, policy, **wishes)
+        sizes = wanted_sizes(
+            domain, said, edge_length=options.edge_length, least=options.min_size, most=options.max_size
+        )
+        mesh = Mesh.from_domain(domain, policy, allow_large=options.yes, sizes=sizes, **wishes)
         written = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
         for path in written:
             mesh.write(path, version=options.msh_version, quadratic=options.quadratic)
         figures = mesh.quality()
         say(mesh_line(mesh, figures, written))
-        if options.edge_length is None and figures["eta"] < POOR:
+        if options.edge_length is None and said is None and figures["eta"] < POOR:
             note(
                 f"{domain.name}: the {len(domain.segments)} boundary segments are coarse or uneven; "
                 "--edge-length L splits them evenly"
@@ -152,7 +170,10 @@ def counted(count: int, thing: str) -> str:
 
 
 def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> str:
-    """A line on a mesh that was written, with its ``quality()``, and one on what recovery it needed, if any."""
+    """A line on a mesh that was written, with its ``quality()``.
+
+    One more says how far a split outline is from the given one, and one what recovery was needed, if any.
+    """
     made = mesh.result
     line = (
         f"{mesh.name}: {counted(len(mesh.quads), 'quad')} in {1e3 * made.seconds_finished:.0f} ms, "
@@ -163,4 +184,9 @@ def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path])
     helped = [f"{count} {source}" for source, count in made.sources.items() if count and source in REMEDIES]
     if made.backtracks:
         helped.append(f"{made.backtracks} backtracks")
-    return f"{line}\n{' ' * len(mesh.name)}  recovery: {', '.join(helped)}" if helped else line
+    lines = [line]
+    if made.deviation > 0.0:
+        lines.append(f"outline: split, and off the given one by {made.deviation:.3g} at most")
+    if helped:
+        lines.append(f"recovery: {', '.join(helped)}")
+    return f"\n{' ' * len(mesh.name)}  ".join(lines)

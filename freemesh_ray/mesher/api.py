@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
-from envs.domains.load import from_object, load_all
+from envs.domains.load import from_object, load_all, own_sizes, wanted_sizes
 from envs.mesh import Mesh as PlainMesh
-from envs.polygons.size_cells import Size, cells
-from envs.types import Domain, DomainError, Floats, WantedSizes
+from envs.polygons.size_cells import Size
+from envs.polygons.sizing import CURVATURE
+from envs.readers.sizes import size_of
+from envs.types import Domain, DomainError, Floats
 from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
 from freemesh_ray.meshes.metrics import measure
@@ -100,9 +100,10 @@ def mesh(
     *,
     edge_length: float | None = None,
     grading: float = 1.0,
+    curvature: float = CURVATURE,
     min_size: float = 0.0,
     max_size: float = math.inf,
-    size: Size | Floats | None = None,
+    size: Size | Floats | str | os.PathLike[str] | None = None,
     fix_parity: bool = False,
     name: str | None = None,
     density: str = DENSITY,
@@ -116,12 +117,15 @@ def mesh(
         polygon: a file's path, a shapely Polygon, an (n, 2) array, or what else ``domains.load.load_all`` and
             ``from_object`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
-        grading: largest over smallest piece; 1: all alike.
+        grading: largest over smallest piece; 1: all alike but for arcs.
+        curvature: where the boundary is split: pieces for a full turn of an arc, 4 to 180.
         min_size, max_size: bounds of the edge length wanted inside, in the polygon's units, for a policy whose scale is
             ``size``; by default those of the boundary.
-        size: what is wanted inside, for such a policy: a function of (m, 2) places to (m,) edge lengths, or (m, 3) rows
-            x, y and an edge length; elements are no larger, and grow from there no faster than ``env.size_gradient``
-            says. The boundary keeps its segments.
+        size: the edge length wanted at every place, of the boundary, which is split, and, for such a policy, inside;
+            where ``edge_length`` is less, that. A function of (m, 2) places to (m,) edge lengths, an expression in x
+            and y, (m, 3) rows x, y and an edge length, or a file: ``.csv`` rows, a ``.pos`` view or ``.msh`` node data
+            of Gmsh. Elements are no larger, and grow from there no faster than ``env.size_gradient`` says. By default,
+            and without ``edge_length``, the sizes at the points of a ``.geo`` that states any.
         fix_parity: split the longest segment when the number of boundary vertices is odd (with ``edge_length`` it
             never is).
         name: what messages and files call it; by default the file's name, or ``polygon``.
@@ -136,8 +140,13 @@ def mesh(
             fix.
         UserError: sizes that are none; PolicyError: sizes for a policy that knows none.
     """
+    said = size_of(size) if isinstance(size, str | os.PathLike) else size
+    own = None
+    if said is None and edge_length is None and isinstance(polygon, str | os.PathLike):
+        own = own_sizes(polygon)
     split: dict[str, Any] = {
-        "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "allow_large": allow_large,
+        "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "curvature": curvature,
+        "size": own if said is None else said, "allow_large": allow_large,
     }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
         domains = load_all(polygon, **split)
@@ -151,10 +160,7 @@ def mesh(
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
-    if size is None:
-        sizes = WantedSizes(min_size, max_size)
-    else:
-        low, high = domain.points.min(axis=0), domain.points.max(axis=0)
-        points = cells(size, low, high).points if callable(size) else np.asarray(size, dtype=np.float64)
-        sizes = WantedSizes(min_size, max_size, points)
+    if said is None and policy.parameters.sized:
+        said = own
+    sizes = wanted_sizes(domain, said, edge_length=edge_length, least=min_size, most=max_size)
     return Mesh.from_domain(domain, policy, sizes=sizes, allow_large=allow_large, **options)

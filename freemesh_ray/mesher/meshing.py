@@ -57,6 +57,7 @@ class MeshResult:
         backtracks: times that elements were taken back.
         sequences: topological changes of the clean-up.
         patches: patches that were filled anew.
+        deviation: how far the given outline lies off the boundary at most, where that was split; domain units.
     """
 
     raw: Mesh
@@ -68,6 +69,7 @@ class MeshResult:
     backtracks: int = 0
     sequences: int = 0
     patches: int = 0
+    deviation: float = 0.0
 
     @property
     def filled(self) -> int:
@@ -157,7 +159,9 @@ def mesh_once(
         result = finish(raw, smooth=smooth, clean=clean, effort=effort)
         finished, sequences, patches = validated(result.mesh, domain), result.sequences, result.patches
     seconds = time.perf_counter() - began
-    return MeshResult(raw, finished, seconds_raw, seconds, attempts, sources, grown.backtracks, sequences, patches)
+    return MeshResult(
+        raw, finished, seconds_raw, seconds, attempts, sources, grown.backtracks, sequences, patches, domain.deviation
+    )
 
 
 def exploration(search: bool, number: int) -> float:

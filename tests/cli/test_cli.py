@@ -196,6 +196,49 @@ def test_sizes_inside_are_kept_to_or_refused(tmp_path: Path, capsys: pytest.Capt
     assert "give --min-size at most" in refused(capsys, tmp_path, *line, "--min-size", "0.2")
 
 
+def test_sizes_by_place_and_arcs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The outline follows the size that is said, arcs stay arcs, and the output says how far it is off."""
+    parameters = MeshingParameters(scale="size", density="local")
+    layer = np.zeros((observation_size(parameters), 6), dtype=np.float32), np.array([0, 0, 0, -9, -9, -9], np.float32)
+    Policy([layer], parameters).save(tmp_path / "sizes.npz")
+    turn = 2 * np.pi * np.arange(96) / 96
+    path = polygon(np.stack([np.cos(turn), np.sin(turn)], axis=1).tolist())
+    line = ["mesh", path, "--policy", str(tmp_path / "sizes.npz")]
+    segments = []
+    for more in (["--edge-length", "3"], ["--edge-length", "3", "--curvature", "32"], ["--size", "0.1 + 0.02 * x"]):
+        assert cli.main([*line, *more, "-o", "a.obj"]) == 0
+        assert "outline: split, and off the given one by 0.0" in capsys.readouterr().out
+        rows = [row.split() for row in Path("a.obj").read_text().splitlines() if row.startswith("v ")]
+        vertices = [[float(x), float(y)] for _, x, y, _ in rows]
+        segments.append(int((np.hypot(*np.array(vertices).T) > 0.9).sum()))
+    assert segments[0] < segments[1] < segments[2]
+    line += ["-o", "new.obj"]
+    assert "column 7: 'z' is not known" in refused(capsys, tmp_path, *line, "--size", "0.1 * z")
+    assert "give a size above 0 all over the domain" in refused(capsys, tmp_path, *line, "--size", "x")
+    assert "sizes.pos: no such file" in refused(capsys, tmp_path, *line, "--size", "sizes.pos")
+    assert "curvature 2.0; give" in refused(capsys, tmp_path, *line, "--edge-length", "1", "--curvature", "2")
+
+
+def test_the_points_of_a_script_say_sizes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script = Path("part.geo")
+    script.write_text(
+        "Point(1) = {0, 0, 0, 0.1}; Point(2) = {2, 0, 0, 0.5}; Point(3) = {2, 2, 0, 0.5}; Point(4) = {0, 2, 0, 0.5};"
+        "Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1}; Curve Loop(1) = {1:4};"
+        "Plane Surface(1) = {1};"
+    )
+    parameters = MeshingParameters(scale="size", density="local")
+    layer = np.zeros((observation_size(parameters), 6), dtype=np.float32), np.array([0, 0, 0, -9, -9, -9], np.float32)
+    Policy([layer], parameters).save(tmp_path / "sizes.npz")
+    line, counts = ["mesh", str(script), "--policy", str(tmp_path / "sizes.npz"), "-o", "a.obj"], []
+    for more in ([], ["--edge-length", "0.5"]):
+        assert cli.main([*line, *more]) == 0
+        told = capsys.readouterr()
+        assert ("split by the sizes at its points; --edge-length L splits it evenly" in told.err) == (not more)
+        rows = [row.split() for row in Path("a.obj").read_text().splitlines() if row.startswith("v ")]
+        counts.append(sum(float(y) == 0.0 for _, _, y, _ in rows))
+    assert counts[0] > counts[1] + 2
+
+
 def test_every_polygon_of_a_file_gets_its_own_mesh(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
     rings = [[[x + dx, y] for x, y in [*SQUARE, SQUARE[0]]] for dx in (0, 5)]
     Path("two.geojson").write_text(json.dumps({"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}))

@@ -89,7 +89,8 @@ def test_an_odd_total_gets_its_vertex_where_sizes_change_least(seed: int, n: int
 @pytest.mark.parametrize("sweep", [0.8, 1.2, 1.5])
 def test_a_coarse_ring_spends_its_vertices_on_what_is_bent(sweep: float) -> None:
     t = np.linspace(0.0, sweep, 100)
-    vertices = from_object(np.stack([np.cos(t), np.sin(t)], axis=1), edge_length=0.9 * np.sin(sweep / 2) * 2)[0].points
+    ring = np.stack([np.cos(t), np.sin(t)], axis=1)
+    vertices = from_object(ring, edge_length=0.9 * np.sin(sweep / 2) * 2, curvature=4.0)[0].points
     assert len(vertices) == 4
     np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1.0, atol=1e-3, err_msg="none on the chord")
 
@@ -98,7 +99,7 @@ def test_a_coarse_ring_spends_its_vertices_on_what_is_bent(sweep: float) -> None
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_fine_smooth_outlines_are_resampled(edge_length: float, scale: float) -> None:
     ring = scale * star(1, 2000, smooth=True)
-    (domain,) = from_object(ring, edge_length=edge_length * scale)
+    (domain,) = from_object(ring, edge_length=edge_length * scale, curvature=4.0)
     steps = lengths(domain.points)
     assert len(steps) == pytest.approx(lengths(ring).sum() / scale / edge_length, abs=1.5)
     assert steps.max() / steps.min() < 1.0 + edge_length
@@ -142,7 +143,7 @@ def test_outlines_that_are_too_coarse_or_too_fine_are_refused() -> None:
     with pytest.raises(
         DomainError, match=r"^polygon: with edge length 1 the boundary is too coarse: hole 0 crosses .*; use"
     ):
-        from_object([outer, hole], edge_length=1.0)
+        from_object([outer, hole], edge_length=1.0, curvature=4.0)
     with pytest.raises(
         DomainError, match=r"polygon: 18,800,000 vertices, at most 1,000,000 are possible; use a larger --edge"
     ):
