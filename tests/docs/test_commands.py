@@ -183,6 +183,7 @@ CHECKS: list[tuple[str, Check]] = [
     (r"make train", is_interrupted),
     (r"make \w+", is_planned),
     (r"\.venv/bin/freemesh mesh .* --policy runs/\w+/policy\.npz", is_run_with_policy),
+    (r"\.venv/bin/freemesh compare \S+ --match-elements", runs),
     (r"\.venv/bin/freemesh (mesh .*|domains|study|study \w+ --dry-run|convergence .*|--version)", runs),
     (r"\.venv/bin/freemesh study \w+ --smoke", is_dry),
     (r"\.venv/bin/freemesh (study algorithms|compare .*|paper quality)", is_interrupted),
