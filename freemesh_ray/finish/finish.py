@@ -26,6 +26,8 @@ FIRST_STEPS, STEPS, SHARP_STEPS = 30, 60, 60
 LEAST_FALL = 2e-5
 #: What filling patches anew may cost in mean eta, its 5th percentile and its least value.
 LOST = (0.002, 0.01, 0.05)
+#: Share of elements and vertices that refilling may add.
+ROOM = 1.5
 #: How often vertices near elements that became too poor are held, before nothing is moved at all.
 HOLDS = 4
 
@@ -92,7 +94,7 @@ def cleaned(mesh: Mesh, smooth: bool, clean: bool) -> Finished:
 def refilled(before: Finished, effort: Effort, ways: int, smooth: bool) -> Finished:
     """A finished mesh with patches filled anew, and smoothed."""
     mesh = before.mesh
-    work = build(mesh.vertices, mesh.quads, mesh.on_boundary)
+    work = build(mesh.vertices, mesh.quads, mesh.on_boundary, ROOM)
     patches = refill(work, effort, ways)
     if patches == 0:
         return before

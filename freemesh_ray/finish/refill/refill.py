@@ -1,6 +1,6 @@
 """Patches grown around irregular vertices, one after the other, each tried at every size that it passes through.
 
-    the whole domain, if it has no reflex corner -> patches that lose irregular vertices, until nothing changes
+    the whole domain, if it has few reflex corners -> patches that lose irregular vertices, until nothing changes
     -> patches that lose none but are better -> the first again
 
 Work is counted in elements that are looked at, not in seconds, so that the same mesh is always filled the same way.
@@ -20,12 +20,14 @@ from freemesh_ray.finish.optimiser import cost
 from freemesh_ray.finish.refill.filling import CORNER
 from freemesh_ray.finish.refill.growth import (
     LOOP,
-    REFLEX,
+    MOST_ROOM,
+    REFLEX_CORNERS,
     SIZE,
     WORK,
     Growth,
     add,
     push_fan,
+    reflex_corners,
     shrink,
     stack_around,
     stack_side,
@@ -81,11 +83,11 @@ def clear(mesh: Halfedges, trial: Trial) -> None:
 
 @inner
 def fill_domain(mesh: Halfedges, trial: Trial) -> bool:
-    """Fill the whole domain anew if it is a disc without reflex corners; whether that was done."""
+    """Fill the whole domain anew if it is a disc with few reflex corners or none; whether that was done."""
     growth = trial.growth
     clear(mesh, trial)
     for v in range(mesh.counts[VERTICES]):
-        if mesh.fixed[v] and mesh.degree[v] > 0 and (mesh.ideal[v] > REFLEX or mesh.degree[v] == PINNED):
+        if mesh.fixed[v] and mesh.degree[v] > 0 and (mesh.ideal[v] > MOST_ROOM or mesh.degree[v] == PINNED):
             return False
     for quad in range(mesh.counts[QUADS]):
         if mesh.quads[quad, 0] != NONE:
@@ -94,7 +96,7 @@ def fill_domain(mesh: Halfedges, trial: Trial) -> bool:
             growth.counts[SIZE] += 1
             for c in range(4):
                 growth.uses[mesh.quads[quad, c]] += 1
-    if trace(mesh, growth) != growth.counts[LOOP]:
+    if trace(mesh, growth) != growth.counts[LOOP] or reflex_corners(mesh, growth) > REFLEX_CORNERS:
         return False
     return try_patch(mesh, trial, 1, True)
 
@@ -217,7 +219,7 @@ def refill(mesh: Halfedges, effort: Effort, ways: int = 0) -> int:
     limit, work = min(effort.limit, len(alive)), min(effort.work, effort.share * len(alive))
     rim = int(np.count_nonzero(mesh.opp[: 4 * mesh.counts[QUADS]] == NONE))
     # A patch has up to twice as many vertices around it as elements, and MOST_ELEMENTS allows some more than before.
-    trial = trial_of(mesh, 64 + max(4 * limit, whole + whole // 4 + rim), LEVEL * mean)
+    trial = trial_of(mesh, 64 + max(4 * limit, 2 * whole + rim), LEVEL * mean)
     if math.isfinite(mean):
         fill_patches(mesh, trial, work, limit, whole, ways)
     return int(trial.state[EXCHANGED])
