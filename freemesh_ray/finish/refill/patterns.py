@@ -319,7 +319,7 @@ def _list_cuts(
     n, corners, count = filling.counts[LENGTH], filling.counts[CORNER_COUNT], first
     if n > LONGEST:
         return count
-    if corners in (2, 4, 6) and base + 1.0 <= most:
+    if 2 <= corners <= 6 and base + 1.0 <= most:
         for p in range(n):
             if filling.role[p] == 1:
                 continue

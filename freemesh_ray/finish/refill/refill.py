@@ -1,7 +1,8 @@
 """Patches grown around irregular vertices, one after the other, each tried at every size that it passes through.
 
-    the whole domain, if it has few reflex corners -> patches that lose irregular vertices, until nothing changes
-    -> patches that lose none but are better -> the first again
+    the whole domain, if it has few reflex corners; that is all when it has the least number of irregular vertices then
+    -> patches that lose irregular vertices, until nothing changes -> patches that lose none but are better
+    -> the first again
 
 Work is counted in elements that are looked at, not in seconds, so that the same mesh is always filled the same way.
 """
@@ -58,7 +59,7 @@ class Effort(NamedTuple):
 #: By name; ``quick`` fills nothing anew.
 EFFORTS = {
     "quick": Effort(0, 0, 0, 0, False),
-    "usual": Effort(5_000_000, 5_000, 1_000, 200_000, False),
+    "usual": Effort(5_000_000, 15_000, 400, 200_000, False),
     "thorough": Effort(60_000_000, 60_000, 2_000, 1_000_000, True),
 }
 USUAL = "usual"
@@ -180,16 +181,26 @@ def go_over(mesh: Halfedges, trial: Trial, limit: int, drop: int, work: int, way
     return trial.state[EXCHANGED] > before
 
 
+@inner
+def irregular_left(mesh: Halfedges) -> tuple[int, int]:
+    """The irregular vertices inside, and how many a mesh with the same numbers of elements at the boundary must have."""
+    irregular = index = 0
+    for v in range(mesh.counts[VERTICES]):
+        if not mesh.fixed[v] and mesh.degree[v] not in (0, 4):
+            irregular, index = irregular + 1, index + 4 - mesh.degree[v]
+    return irregular, abs(index)
+
+
 @compiled
 def fill_patches(mesh: Halfedges, trial: Trial, work: int, limit: int, whole: int, ways: int) -> None:
     """Fill patches anew until nothing more is better, or the work is done."""
-    irregular = 0
-    for v in range(mesh.counts[VERTICES]):
-        irregular += 1 if not mesh.fixed[v] and mesh.degree[v] not in (0, 4) else 0
-    if irregular == 0 or work == 0:
+    if work == 0 or irregular_left(mesh) == (0, 0):
         return
-    if whole > 0:
-        fill_domain(mesh, trial)
+    if whole > 0 and fill_domain(mesh, trial):
+        irregular, least = irregular_left(mesh)
+        if irregular == least:
+            clear(mesh, trial)
+            return
     for most in (SMALL, MEDIUM, limit):
         go_over(mesh, trial, min(most, limit), 1, work, ways)
     for _ in range(PASSES):

@@ -33,7 +33,7 @@ from freemesh_ray.finish.refill.region import (
 )
 
 #: Options that get places, and those of them that are settled, at most; of the whole domain; of a large one the first
-#: number falls to as many as have SHARED elements together, but not below LEAST, and the second to LEAST.
+#: number falls to as many as have SHARED elements together, but not below LEAST, and the second to 1.
 PLACED, SETTLED = (12, 40), (2, 6)
 SHARED, LEAST = 400_000, 3
 #: Steps of conjugate gradients to the places that options are ranked by, and to those that they are settled from.
@@ -251,8 +251,8 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
     old, elements, guard = price(growth, region), growth.counts[SIZE], min(rate(region), FLOOR)
     large = elements > LARGE
     count = rank(mesh, trial, options, min(PLACED[1], max(LEAST, SHARED // elements)) if whole else PLACED[0])
-    count = min(count, (LEAST if large else SETTLED[1]) if whole else SETTLED[0])
-    if whole:
+    count = min(count, (1 if large else SETTLED[1]) if whole else SETTLED[0])
+    if count > 1 and whole:
         count = rank_settled(mesh, trial, count)
     for i in range(min(count, SETTLED[0])):
         option = trial.patterns.options[int(trial.ranked[i, 1])]
