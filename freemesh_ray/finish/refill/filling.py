@@ -309,9 +309,7 @@ def toggled_star(filling: Filling, toggled: int) -> None:
 
 
 @inner
-def _one_side(
-    filling: Filling, p: int, q: int, path: int, edges: int, forth: bool, flat_p: bool, flat_q: bool
-) -> None:
+def _one_side(filling: Filling, p: int, q: int, path: int, edges: int, forth: bool, flat_p: bool, flat_q: bool) -> None:
     """Fill the side of a cut from place p to place q of the loop; ``path`` is the first of its vertices inside.
 
     Both ends are corners of it, unless they are flat.

@@ -32,8 +32,8 @@ from freemesh_ray.finish.refill.growth import LOOP, REFLEX, SIZE, WORK, Growth, 
 
 RECTANGLE, STAR, CUT = range(3)
 #: Columns of Patterns.options: the key they are sorted by, irregular vertices left, kind, four numbers of the kind
-#: (rows, first place, first side; the place toggled; the two ends of a cut, its edges, and what it is at its ends, three
-#: times that at the first and that at the second), elements.
+#: (rows, first place, first side; the place toggled; the two ends of a cut, its edges, and three times what it is at the
+#: first end with what it is at the second), elements.
 RANK, LEFT, KIND, FIRST, SECOND, THIRD, FOURTH, ELEMENTS = range(8)
 COLUMNS = 8
 #: What an irregular vertex counts in the rank.
@@ -45,8 +45,8 @@ ROWS, ROWS_OF_DOMAIN = 10, 5
 #: Elements over those before, at least and at most; of the whole domain.
 FEWEST, MOST_ELEMENTS = (0.75, 0.88), (1.3, 1.1)
 #: Elements of a whole domain over those before, or over those that its area has room for at the boundary's edge length
-#: when they are fewer, at most: rows around a rectangle become narrower where its corners are, so that a round domain has
-#: no good ones without more elements.
+#: when they are fewer, at most: rows around a rectangle become narrower where its corners are, so that a round domain
+#: has no good ones without more elements.
 MOST_OF_DOMAIN = 2.0
 #: So many are the first to be tried; and what straight sides count then.
 ROUND, STRAIGHT = 1.6, 0.1

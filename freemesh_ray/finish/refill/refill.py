@@ -183,7 +183,7 @@ def go_over(mesh: Halfedges, trial: Trial, limit: int, drop: int, work: int, way
 
 @inner
 def irregular_left(mesh: Halfedges) -> tuple[int, int]:
-    """The irregular vertices inside, and how many a mesh with the same numbers of elements at the boundary must have."""
+    """The irregular vertices inside, and the least that a mesh with as many elements at the boundary has."""
     irregular = index = 0
     for v in range(mesh.counts[VERTICES]):
         if not mesh.fixed[v] and mesh.degree[v] not in (0, 4):
