@@ -32,8 +32,8 @@ from freemesh_ray.finish.refill.growth import LOOP, REFLEX, SIZE, WORK, Growth, 
 
 RECTANGLE, STAR, CUT = range(3)
 #: Columns of Patterns.options: the key they are sorted by, irregular vertices left, kind, four numbers of the kind
-#: (rows, first place, first side; the place toggled; the two ends of a cut, its edges, and three times what it is at the
-#: first end with what it is at the second), elements.
+#: (rows, first place, first side; the place toggled; the two ends of a cut, its edges, and three times what it is at
+#: the first end with what it is at the second), elements.
 RANK, LEFT, KIND, FIRST, SECOND, THIRD, FOURTH, ELEMENTS = range(8)
 COLUMNS = 8
 #: What an irregular vertex counts in the rank.
