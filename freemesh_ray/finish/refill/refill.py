@@ -59,7 +59,7 @@ class Effort(NamedTuple):
 #: By name; ``quick`` fills nothing anew.
 EFFORTS = {
     "quick": Effort(0, 0, 0, 0, False),
-    "usual": Effort(5_000_000, 15_000, 400, 200_000, False),
+    "usual": Effort(5_000_000, 15_000, 1_000, 200_000, False),
     "thorough": Effort(60_000_000, 60_000, 2_000, 1_000_000, True),
 }
 USUAL = "usual"
@@ -201,6 +201,7 @@ def fill_patches(mesh: Halfedges, trial: Trial, work: int, limit: int, whole: in
         if irregular == least:
             clear(mesh, trial)
             return
+    trial.growth.counts[WORK] = 0  # the whole domain had its own: patches have all of theirs
     for most in (SMALL, MEDIUM, limit):
         go_over(mesh, trial, min(most, limit), 1, work, ways)
     for _ in range(PASSES):
