@@ -87,7 +87,11 @@ def change(work: Halfedges, patch: Patch, rng: np.random.Generator) -> bool:
 
 def rough(shape: str, seed: int, changes: int = 12) -> Mesh:
     """A shaken grid in which random changes were made wherever all elements stayed convex."""
-    mesh = grid(shape, seed)
+    return roughened(grid(shape, seed), seed, changes)
+
+
+def roughened(mesh: Mesh, seed: int, changes: int = 12) -> Mesh:
+    """A mesh, its boundary's vertices first, in which random changes were made wherever all elements stayed convex."""
     work, rng = halfedges(mesh), np.random.default_rng(seed)
     patch = patch_of(work)
     for _ in range(changes):
@@ -103,4 +107,4 @@ def rough(shape: str, seed: int, changes: int = 12) -> Mesh:
                 undo(work, 0)
         assert work.counts[LOGGED] < len(work.log)
     vertices, quads = compact(work, int(mesh.segments.max()) + 1)
-    return Mesh(shape, vertices, quads, mesh.segments, True)
+    return Mesh(mesh.name, vertices, quads, mesh.segments, True)

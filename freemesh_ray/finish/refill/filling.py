@@ -5,7 +5,8 @@ Vertices are numbered from 0: those of the loop first, counter-clockwise, then t
     rows           one element deep all round; a corner of the loop stays a corner of the loop inside
     rectangle      four corners on an even loop, opposite sides equally long: a x b elements, no irregular vertex
     star           three or five corners: as many rectangles around one irregular vertex
-    cut            a path from one vertex of the loop to another, and a rectangle or a star on either side
+    cut            a path from one vertex of the loop to another, and a rectangle or a star on either side; where it
+                   ends in a reflex corner, one of the two may go straight on there, which gives that three elements
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ OFFSET = 3.3
 
 # Rows of Filling.sides, each from left to right or upwards.
 _BOTTOM, _RIGHT, _TOP, _LEFT = range(4)
+#: What a cut may be at its ends; see `cut`.
+CORNERED, FLAT_FIRST, FLAT_SECOND = range(3)
 # Entries of Filling.counts.
 QUADS, VERTICES, LENGTH, CORNER_COUNT = range(4)
 
@@ -306,33 +309,46 @@ def toggled_star(filling: Filling, toggled: int) -> None:
 
 
 @inner
-def _one_side(filling: Filling, p: int, q: int, path: int, edges: int, forth: bool) -> None:
-    """Fill the side of a cut from place p to place q of the loop; ``path`` is the first of its vertices inside."""
-    n, count, corner = filling.counts[LENGTH], 0, 1
+def _one_side(filling: Filling, p: int, q: int, path: int, edges: int, forth: bool, flat_p: bool, flat_q: bool) -> None:
+    """Fill the side of a cut from place p to place q of the loop; ``path`` is the first of its vertices inside.
+
+    Both ends are corners of it, unless they are flat.
+    """
+    n, corner = filling.counts[LENGTH], 0
     d = (q - p + n) % n
     for k in range(d + 1):
         filling.piece[k] = filling.loop[(p + k) % n]
     for k in range(edges - 1):
         filling.piece[d + 1 + k] = path + (k if forth else edges - 2 - k)
-    filling.piece_corners[0] = 0
+    if not flat_p:
+        filling.piece_corners[0], corner = 0, 1
     for step in range(1, d):
         at = (p + step) % n
         for k in range(filling.counts[CORNER_COUNT]):
             if filling.corners[k] == at:
                 filling.piece_corners[corner] = step
                 corner += 1
-    filling.piece_corners[corner] = d
-    count = corner + 1
-    shape(filling, filling.piece, d + edges, filling.piece_corners, count)
+    if not flat_q:
+        filling.piece_corners[corner] = d
+        corner += 1
+    shape(filling, filling.piece, d + edges, filling.piece_corners, corner)
 
 
 @inner
-def cut(filling: Filling, p: int, q: int, edges: int) -> None:
-    """Cut the loop by a path of so many edges from place p to place q, and fill either side."""
+def cut(filling: Filling, p: int, q: int, edges: int, at_p: int = CORNERED, at_q: int = CORNERED) -> None:
+    """Cut the loop by a path of so many edges from place p to place q, and fill either side.
+
+    Args:
+        filling: empty but for the loop.
+        p, q: places that are no corners of the loop.
+        edges: of the path.
+        at_p, at_q: whether both sides have a corner there, ``CORNERED``; or the one on the loop from p to q goes
+            straight on, ``FLAT_FIRST``; or the other one, ``FLAT_SECOND``.
+    """
     first, xy = filling.counts[VERTICES], filling.xy
     start, end = filling.loop[p], filling.loop[q]
     for k in range(1, edges):
         s = k / edges
         _vertex(filling, (1.0 - s) * xy[start, 0] + s * xy[end, 0], (1.0 - s) * xy[start, 1] + s * xy[end, 1])
-    _one_side(filling, p, q, first, edges, False)
-    _one_side(filling, q, p, first, edges, True)
+    _one_side(filling, p, q, first, edges, False, at_p == FLAT_FIRST, at_q == FLAT_FIRST)
+    _one_side(filling, q, p, first, edges, True, at_q == FLAT_SECOND, at_p == FLAT_SECOND)

@@ -1,9 +1,9 @@
-"""A patch that grows: a disc of elements without reflex corners, and the loop around it.
+"""A patch that grows: a disc of elements with few reflex corners or none, and the loop around it.
 
 A vertex of the loop has elements of the patch and, unless the domain ends there, others outside. Inside the domain a
 vertex with a single element outside would be a reflex corner of the patch: that element is pulled in. So are those in
 a hole of the patch, and around a vertex where the patch touches itself. Where that leads beyond the domain's boundary,
-or past the limit, the patch stays as it was.
+past the limit, or to more reflex corners of the domain than may be, the patch stays as it was.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ from envs.kernels.compiled import inlined, inner
 from envs.types import Ints
 from freemesh_ray.finish.halfedges import MOST_GIVEN, NONE, PINNED, Halfedges, after, around, origin
 
-#: A vertex of the domain's boundary with more room than this, in right angles, would be a reflex corner.
-REFLEX = 2.55
+#: A vertex of the domain's boundary with more room than this, in right angles, is a reflex corner, which should have
+#: three elements; one with more than that has no filling.
+REFLEX, MOST_ROOM = 2.55, 3.55
+#: Reflex corners of the domain that a patch may reach, at most.
+REFLEX_CORNERS = 2
 #: Rounds in which holes and pinches are filled, at most.
 ROUNDS = 6
 
@@ -131,7 +134,7 @@ def _take_in(mesh: Halfedges, growth: Growth, stacked: int, limit: int) -> bool:
             if mesh.degree[v] == PINNED:
                 return False
             if mesh.fixed[v]:
-                if target(mesh, growth, v) > REFLEX:
+                if target(mesh, growth, v) > MOST_ROOM:
                     return False
             elif outside(mesh, growth, v) == 1:
                 stacked = push_fan(mesh, growth, v, stacked)
@@ -212,6 +215,15 @@ def _stack_pinches(mesh: Halfedges, growth: Growth) -> int:
 
 
 @inner
+def reflex_corners(mesh: Halfedges, growth: Growth) -> int:
+    """How many vertices of the loop are reflex corners of the patch."""
+    count = 0
+    for i in range(growth.counts[LOOP]):
+        count += 1 if target(mesh, growth, growth.loop[i]) > REFLEX else 0
+    return count
+
+
+@inner
 def add(mesh: Halfedges, growth: Growth, stacked: int, limit: int) -> bool:
     """Grow by what is stacked and what that pulls in; False, and the patch is as before, when that is not possible.
 
@@ -229,6 +241,8 @@ def add(mesh: Halfedges, growth: Growth, stacked: int, limit: int) -> bool:
             stacked = _stack_holes(mesh, growth)
             continue
         stacked = _stack_pinches(mesh, growth)
+        if stacked == 0 and reflex_corners(mesh, growth) > REFLEX_CORNERS:
+            break
         if stacked == 0:
             return growth.counts[SIZE] > size
     shrink(mesh, growth, size)

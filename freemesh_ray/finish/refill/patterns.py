@@ -16,13 +16,26 @@ from envs.kernels.compiled import inlined, inner
 from envs.types import Floats
 from freemesh_ray.finish.changes import boundary_cost
 from freemesh_ray.finish.halfedges import Halfedges
-from freemesh_ray.finish.refill.filling import CORNER_COUNT, LENGTH, Filling, begin, row, rows_fit, spokes_of
-from freemesh_ray.finish.refill.growth import LOOP, SIZE, WORK, Growth, new_mark, outside
+from freemesh_ray.finish.refill.filling import (
+    CORNER_COUNT,
+    CORNERED,
+    FLAT_FIRST,
+    FLAT_SECOND,
+    LENGTH,
+    Filling,
+    begin,
+    row,
+    rows_fit,
+    spokes_of,
+)
+from freemesh_ray.finish.refill.growth import LOOP, REFLEX, SIZE, WORK, Growth, new_mark, outside, target
 
 RECTANGLE, STAR, CUT = range(3)
-#: Columns of Patterns.options: the key they are sorted by, irregular vertices left, kind, three numbers of the kind
-#: (rows, first place, first side; the place toggled; the two ends of a cut and its edges), elements.
-RANK, LEFT, KIND, FIRST, SECOND, THIRD, ELEMENTS = range(7)
+#: Columns of Patterns.options: the key they are sorted by, irregular vertices left, kind, four numbers of the kind
+#: (rows, first place, first side; the place toggled; the two ends of a cut, its edges, and three times what it is at
+#: the first end with what it is at the second), elements.
+RANK, LEFT, KIND, FIRST, SECOND, THIRD, FOURTH, ELEMENTS = range(8)
+COLUMNS = 8
 #: What an irregular vertex counts in the rank.
 WORTH = 0.5
 #: Options of each kind that are kept: rectangles for each number of rows, stars, cuts.
@@ -31,6 +44,12 @@ KEPT = (4, 4, 8)
 ROWS, ROWS_OF_DOMAIN = 10, 5
 #: Elements over those before, at least and at most; of the whole domain.
 FEWEST, MOST_ELEMENTS = (0.75, 0.88), (1.3, 1.1)
+#: Elements of a whole domain over those before, or over those that its area has room for at the boundary's edge length
+#: when they are fewer, at most: rows around a rectangle become narrower where its corners are, so that a round domain
+#: has no good ones without more elements.
+MOST_OF_DOMAIN = 2.0
+#: So many are the first to be tried; and what straight sides count then.
+ROUND, STRAIGHT = 1.6, 0.1
 #: A cut's edges over its length in edge lengths, at least and at most; the longest loop that is cut.
 SHORT, LONG, LONGEST = 0.75, 1.35, 160
 #: Places on a loop without corners that a rectangle's corners are tried at, about.
@@ -45,13 +64,15 @@ class Patterns(NamedTuple):
     Attributes:
         flat: (R,) float64, what each vertex of the loop costs with two elements of the filling.
         more: (R,) float64, what it costs more as a corner, with one.
-        inner_more: (R,) float64, the same on the loop inside the rows.
-        options: (ROOM, 7) float64, see RANK.
+        three: (R,) float64, what it costs more with three; infinite unless it is a reflex corner.
+        inner_more: (R,) float64, as ``more`` on the loop inside the rows.
+        options: (ROOM, COLUMNS) float64, see RANK.
         before: (1,) float64, what the patch costs as it is.
     """
 
     flat: Floats
     more: Floats
+    three: Floats
     inner_more: Floats
     options: Floats
     before: Floats
@@ -60,13 +81,16 @@ class Patterns(NamedTuple):
 def patterns_of(elements: int) -> Patterns:
     """Room for the patterns of patches with so many elements."""
     room = 2 * elements + 16
-    return Patterns(np.zeros(room), np.zeros(room), np.zeros(room), np.zeros((ROOM, 7)), np.zeros(1))
+    return Patterns(
+        flat=np.zeros(room), more=np.zeros(room), three=np.zeros(room), inner_more=np.zeros(room),
+        options=np.zeros((ROOM, COLUMNS)), before=np.zeros(1),
+    )  # fmt: skip
 
 
 @inner
 def _keep(
     options: Floats, first: int, count: int, room: int, left: float, prior: float, kind: int,
-    a: int, b: int, c: int, elements: int,
+    a: int, b: int, c: int, elements: int, d: int = 0,
 ) -> int:  # fmt: skip
     """Keep an option if it is among the best ``room`` from ``first`` on; how many there are in all."""
     rank = WORTH * left + prior
@@ -75,11 +99,11 @@ def _keep(
         return count
     at = count if count < end else end - 1
     while at > first and options[at - 1, RANK] > rank:
-        for column in range(7):
+        for column in range(COLUMNS):
             options[at, column] = options[at - 1, column]
         at -= 1
     options[at, RANK], options[at, LEFT], options[at, KIND], options[at, ELEMENTS] = rank, left, kind, elements
-    options[at, FIRST], options[at, SECOND], options[at, THIRD] = a, b, c
+    options[at, FIRST], options[at, SECOND], options[at, THIRD], options[at, FOURTH] = a, b, c, d
     return min(count + 1, end)
 
 
@@ -99,12 +123,13 @@ def assess(mesh: Halfedges, growth: Growth, patterns: Patterns) -> float:
             touches = True
             total += boundary_cost(mesh.degree[v] - mesh.ideal[v])
             flat, corner = boundary_cost(around + 2 - mesh.ideal[v]), boundary_cost(around + 1 - mesh.ideal[v])
+            three = boundary_cost(around + 3 - mesh.ideal[v]) if target(mesh, growth, v) > REFLEX else math.inf
         else:
             total += 1.0 if mesh.degree[v] != 4 else 0.0
             index += 4 - mesh.degree[v]
-            flat, corner = 1.0 if around != 2 else 0.0, 1.0 if around != 3 else 0.0
-        patterns.flat[i], patterns.more[i] = flat, corner - flat
-        least += min(flat, corner)
+            flat, corner, three = 1.0 if around != 2 else 0.0, 1.0 if around != 3 else 0.0, math.inf
+        patterns.flat[i], patterns.more[i], patterns.three[i] = flat, corner - flat, three - flat
+        least += min(flat, corner, three)
     for i in range(growth.counts[SIZE]):
         for c in range(4):
             v = mesh.quads[growth.members[i], c]
@@ -236,57 +261,102 @@ def _shape_elements(filling: Filling, sides: int) -> int:
 
 
 @inner
-def _side_lengths(filling: Filling, p: int, d: int, edges: int) -> int:
-    """Sides of the piece from place p over d edges of the loop and back over a path; how many, at most 6."""
-    n, sides, last = filling.counts[LENGTH], 0, 0
+def _side_lengths(filling: Filling, p: int, d: int, edges: int, flat_p: bool, flat_q: bool) -> int:
+    """Sides of the piece from place p over d edges of the loop and back over a path; how many, 6 when they are more.
+
+    Both ends of the path are corners, unless they are flat.
+    """
+    n, sides, last, lengths = filling.counts[LENGTH], 0, 0, filling.lengths
     for step in range(1, d):
         if filling.role[(p + step) % n] == 1:
-            if sides == 4:
+            if sides == 5:
                 return 6
-            filling.lengths[sides] = step - last
+            lengths[sides] = step - last
             sides, last = sides + 1, step
-    filling.lengths[sides], filling.lengths[sides + 1] = d - last, edges
-    return sides + 2
+    lengths[sides], lengths[sides + 1] = d - last, edges
+    sides += 2
+    if flat_q:
+        lengths[sides - 2] += lengths[sides - 1]
+        sides -= 1
+    if flat_p and sides > 1:
+        lengths[0] += lengths[sides - 1]
+        sides -= 1
+    return min(sides, 6)
+
+
+@inner
+def _keep_cuts(
+    filling: Filling, options: Floats, left: float, p: int, d: int, at_p: int, at_q: int, low: float, high: float,
+    h: float, first: int, count: int,
+) -> int:  # fmt: skip
+    """Offer the cuts from place p to the one d further on, of all lengths; how many options there are in all."""
+    n, xy = filling.counts[LENGTH], filling.xy
+    q = (p + d) % n
+    a, b = filling.loop[p], filling.loop[q]
+    length = math.sqrt((xy[b, 0] - xy[a, 0]) ** 2 + (xy[b, 1] - xy[a, 1]) ** 2) / h
+    for edges in range(max(1, int(length * SHORT)), math.ceil(length * LONG) + 1):
+        sides = _side_lengths(filling, p, d, edges, at_p == FLAT_FIRST, at_q == FLAT_FIRST)
+        here = _shape_elements(filling, sides) if 3 <= sides <= 5 else 0
+        if here == 0:
+            continue
+        sides = _side_lengths(filling, q, n - d, edges, at_q == FLAT_SECOND, at_p == FLAT_SECOND)
+        there = _shape_elements(filling, sides) if 3 <= sides <= 5 else 0
+        if there == 0 or here + there < low or here + there > high:
+            continue
+        prior = abs(math.log(max(1e-9, length / edges)))
+        count = _keep(
+            options, first, count, KEPT[CUT], left, prior, CUT, p, q, edges, here + there, 3 * at_p + at_q
+        )  # fmt: skip
+    return count
 
 
 @inner
 def _list_cuts(
-    filling: Filling, options: Floats, base: float, most: float, low: float, high: float, h: float, first: int
-) -> int:
-    """Offer the cuts between flat places of the loop into rectangles and stars."""
-    n, corners, count, xy = filling.counts[LENGTH], filling.counts[CORNER_COUNT], first, filling.xy
-    if corners not in (2, 4, 6) or n > LONGEST or base + 1.0 > most:
+    filling: Filling, options: Floats, three: Floats, base: float, most: float, low: float, high: float, h: float,
+    first: int,
+) -> int:  # fmt: skip
+    """Offer the cuts between flat places of the loop into rectangles and stars; how many options there are in all."""
+    n, corners, count = filling.counts[LENGTH], filling.counts[CORNER_COUNT], first
+    if n > LONGEST:
         return count
+    if 2 <= corners <= 6 and base + 1.0 <= most:
+        for p in range(n):
+            if filling.role[p] == 1:
+                continue
+            ends = 2
+            for d in range(1, n):
+                q = (p + d) % n
+                if filling.role[q] == 1:
+                    ends += 1
+                    if ends > 5:
+                        break
+                    continue
+                others = corners + 4 - ends
+                if ends < 3 or others < 3 or others > 5 or ends > others or (ends == others and (q < p or ends == 4)):
+                    continue
+                left = base + (ends != 4) + (others != 4)
+                if left <= most:
+                    count = _keep_cuts(filling, options, left, p, d, CORNERED, CORNERED, low, high, h, first, count)
     for p in range(n):
-        if filling.role[p] == 1:
+        if three[p] == math.inf or filling.role[p] == 1:
             continue
-        ends = 2
+        between = 0
         for d in range(1, n):
             q = (p + d) % n
             if filling.role[q] == 1:
-                ends += 1
-                if ends > 5:
-                    break
+                between += 1
                 continue
-            others = corners + 4 - ends
-            if ends < 3 or others < 3 or others > 5 or ends > others or (ends == others and (q < p or ends == 4)):
-                continue
-            left = base + (ends != 4) + (others != 4)
-            if left > most:
-                continue
-            a, b = filling.loop[p], filling.loop[q]
-            length = math.sqrt((xy[b, 0] - xy[a, 0]) ** 2 + (xy[b, 1] - xy[a, 1]) ** 2) / h
-            for edges in range(max(1, int(length * SHORT)), math.ceil(length * LONG) + 1):
-                sides = _side_lengths(filling, p, d, edges)
-                here = _shape_elements(filling, sides) if sides == ends else 0
-                if here == 0:
-                    continue
-                sides = _side_lengths(filling, q, n - d, edges)
-                there = _shape_elements(filling, sides) if sides == others else 0
-                if there == 0 or here + there < low or here + there > high:
-                    continue
-                prior = abs(math.log(max(1e-9, length / edges)))
-                count = _keep(options, first, count, KEPT[CUT], left, prior, CUT, p, q, edges, here + there)
+            for at_p in (FLAT_FIRST, FLAT_SECOND):
+                for at_q in range(3):
+                    if at_q != CORNERED and three[q] == math.inf:
+                        continue
+                    ends = between + 2 - (at_p == FLAT_FIRST) - (at_q == FLAT_FIRST)
+                    others = corners - between + 2 - (at_p == FLAT_SECOND) - (at_q == FLAT_SECOND)
+                    if ends < 3 or ends > 5 or others < 3 or others > 5:
+                        continue
+                    left = base + three[p] + (ends != 4) + (others != 4) + (three[q] if at_q != CORNERED else 0.0)
+                    if left <= most:
+                        count = _keep_cuts(filling, options, left, p, d, at_p, at_q, low, high, h, first, count)
     return count
 
 
@@ -308,21 +378,26 @@ def list_patterns(
         return 0
     low = FEWEST[1 if whole else 0] * size - 2.0
     high = MOST_ELEMENTS[1 if whole else 0] * size + 2.0
-    base, h, options, xy = 0.0, 0.0, patterns.options, filling.xy
+    base, h, area, options, xy = 0.0, 0.0, 0.0, patterns.options, filling.xy
     for i in range(n):
+        x1, y1, x2, y2 = xy[i, 0], xy[i, 1], xy[(i + 1) % n, 0], xy[(i + 1) % n, 1]
         base += patterns.flat[i]
-        h += math.sqrt((xy[(i + 1) % n, 0] - xy[i, 0]) ** 2 + (xy[(i + 1) % n, 1] - xy[i, 1]) ** 2) / n
+        h += math.sqrt((x2 - x1) ** 2 + (y2 - y1) ** 2) / n
+        area += 0.5 * (x1 * y2 - x2 * y1)
         filling.role[i] = 0
+    wanted = min(area / (h * h), float(size))
     growth.counts[WORK] += n + (n * n >> 4)
     count = _list_rectangles(filling, options, patterns.more, base, most, 0, 0, low, high, h, 0.0, 0)
     for k in range(filling.counts[CORNER_COUNT]):
         base += patterns.more[filling.corners[k]]
         filling.role[filling.corners[k]] = 1
     count = _list_stars(filling, options, patterns.more, base, most, low, high, count)
-    count = _list_cuts(filling, options, base, most, low, high, h, count)
+    count = _list_cuts(filling, options, patterns.three, base, most, low, high, h, count)
     corners, made = filling.counts[CORNER_COUNT], 0
     if base > most:
         return _sorted(options, count)
+    if whole:
+        high = max(high, MOST_OF_DOMAIN * wanted)
     for rows in range(1, (n // ROWS_OF_DOMAIN if whole else ROWS) + 1):
         if not rows_fit(filling) or made > high:
             break
@@ -336,20 +411,15 @@ def list_patterns(
         for k in range(corners):
             patterns.inner_more[filling.corners[k]] = -1.0
         growth.counts[WORK] += inside * inside >> 5
+        begun = count
         count = _list_rectangles(
-            filling,
-            options,
-            patterns.inner_more,
-            base + corners,
-            most,
-            rows,
-            made,
-            low,
-            high,
-            h,
-            0.0 if whole else 1.0,
-            count,
-        )
+            filling, options, patterns.inner_more, base + corners, most, rows, made, low, high, h,
+            0.0 if whole else 1.0, count,
+        )  # fmt: skip
+        for option in range(begun, count if whole else begun):
+            worth = WORTH * options[option, LEFT]
+            finer = abs(math.log(options[option, ELEMENTS] / (ROUND * wanted)))
+            options[option, RANK] = worth + finer + STRAIGHT * (options[option, RANK] - worth)
     return _sorted(options, count)
 
 
@@ -359,7 +429,7 @@ def _sorted(options: Floats, count: int) -> int:
     for i in range(1, count):
         at = i
         while at > 0 and options[at - 1, RANK] > options[at, RANK]:
-            for column in range(7):
+            for column in range(COLUMNS):
                 kept = options[at, column]
                 options[at, column], options[at - 1, column] = options[at - 1, column], kept
             at -= 1

@@ -1,7 +1,8 @@
 """Patches grown around irregular vertices, one after the other, each tried at every size that it passes through.
 
-    the whole domain, if it has no reflex corner -> patches that lose irregular vertices, until nothing changes
-    -> patches that lose none but are better -> the first again
+    the whole domain, if it has few reflex corners; that is all when it has the least number of irregular vertices then
+    -> patches that lose irregular vertices, until nothing changes -> patches that lose none but are better
+    -> the first again
 
 Work is counted in elements that are looked at, not in seconds, so that the same mesh is always filled the same way.
 """
@@ -20,12 +21,14 @@ from freemesh_ray.finish.optimiser import cost
 from freemesh_ray.finish.refill.filling import CORNER
 from freemesh_ray.finish.refill.growth import (
     LOOP,
-    REFLEX,
+    MOST_ROOM,
+    REFLEX_CORNERS,
     SIZE,
     WORK,
     Growth,
     add,
     push_fan,
+    reflex_corners,
     shrink,
     stack_around,
     stack_side,
@@ -56,7 +59,7 @@ class Effort(NamedTuple):
 #: By name; ``quick`` fills nothing anew.
 EFFORTS = {
     "quick": Effort(0, 0, 0, 0, False),
-    "usual": Effort(5_000_000, 5_000, 1_000, 200_000, False),
+    "usual": Effort(5_000_000, 15_000, 1_000, 200_000, False),
     "thorough": Effort(60_000_000, 60_000, 2_000, 1_000_000, True),
 }
 USUAL = "usual"
@@ -81,11 +84,11 @@ def clear(mesh: Halfedges, trial: Trial) -> None:
 
 @inner
 def fill_domain(mesh: Halfedges, trial: Trial) -> bool:
-    """Fill the whole domain anew if it is a disc without reflex corners; whether that was done."""
+    """Fill the whole domain anew if it is a disc with few reflex corners or none; whether that was done."""
     growth = trial.growth
     clear(mesh, trial)
     for v in range(mesh.counts[VERTICES]):
-        if mesh.fixed[v] and mesh.degree[v] > 0 and (mesh.ideal[v] > REFLEX or mesh.degree[v] == PINNED):
+        if mesh.fixed[v] and mesh.degree[v] > 0 and (mesh.ideal[v] > MOST_ROOM or mesh.degree[v] == PINNED):
             return False
     for quad in range(mesh.counts[QUADS]):
         if mesh.quads[quad, 0] != NONE:
@@ -94,7 +97,7 @@ def fill_domain(mesh: Halfedges, trial: Trial) -> bool:
             growth.counts[SIZE] += 1
             for c in range(4):
                 growth.uses[mesh.quads[quad, c]] += 1
-    if trace(mesh, growth) != growth.counts[LOOP]:
+    if trace(mesh, growth) != growth.counts[LOOP] or reflex_corners(mesh, growth) > REFLEX_CORNERS:
         return False
     return try_patch(mesh, trial, 1, True)
 
@@ -178,16 +181,27 @@ def go_over(mesh: Halfedges, trial: Trial, limit: int, drop: int, work: int, way
     return trial.state[EXCHANGED] > before
 
 
+@inner
+def irregular_left(mesh: Halfedges) -> tuple[int, int]:
+    """The irregular vertices inside, and the least that a mesh with as many elements at the boundary has."""
+    irregular = index = 0
+    for v in range(mesh.counts[VERTICES]):
+        if not mesh.fixed[v] and mesh.degree[v] not in (0, 4):
+            irregular, index = irregular + 1, index + 4 - mesh.degree[v]
+    return irregular, abs(index)
+
+
 @compiled
 def fill_patches(mesh: Halfedges, trial: Trial, work: int, limit: int, whole: int, ways: int) -> None:
     """Fill patches anew until nothing more is better, or the work is done."""
-    irregular = 0
-    for v in range(mesh.counts[VERTICES]):
-        irregular += 1 if not mesh.fixed[v] and mesh.degree[v] not in (0, 4) else 0
-    if irregular == 0 or work == 0:
+    if work == 0 or irregular_left(mesh) == (0, 0):
         return
-    if whole > 0:
-        fill_domain(mesh, trial)
+    if whole > 0 and fill_domain(mesh, trial):
+        irregular, least = irregular_left(mesh)
+        if irregular == least:
+            clear(mesh, trial)
+            return
+    trial.growth.counts[WORK] = 0  # the whole domain had its own: patches have all of theirs
     for most in (SMALL, MEDIUM, limit):
         go_over(mesh, trial, min(most, limit), 1, work, ways)
     for _ in range(PASSES):
@@ -217,7 +231,7 @@ def refill(mesh: Halfedges, effort: Effort, ways: int = 0) -> int:
     limit, work = min(effort.limit, len(alive)), min(effort.work, effort.share * len(alive))
     rim = int(np.count_nonzero(mesh.opp[: 4 * mesh.counts[QUADS]] == NONE))
     # A patch has up to twice as many vertices around it as elements, and MOST_ELEMENTS allows some more than before.
-    trial = trial_of(mesh, 64 + max(4 * limit, whole + whole // 4 + rim), LEVEL * mean)
+    trial = trial_of(mesh, 64 + max(4 * limit, 2 * whole + rim), LEVEL * mean)
     if math.isfinite(mean):
         fill_patches(mesh, trial, work, limit, whole, ways)
     return int(trial.state[EXCHANGED])

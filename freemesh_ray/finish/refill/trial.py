@@ -33,7 +33,7 @@ from freemesh_ray.finish.refill.region import (
 )
 
 #: Options that get places, and those of them that are settled, at most; of the whole domain; of a large one the first
-#: number falls to as many as have SHARED elements together, but not below LEAST, and the second to LEAST.
+#: number falls to as many as have SHARED elements together, but not below LEAST, and the second to 1.
 PLACED, SETTLED = (12, 40), (2, 6)
 SHARED, LEAST = 400_000, 3
 #: Steps of conjugate gradients to the places that options are ranked by, and to those that they are settled from.
@@ -41,14 +41,16 @@ ROUGHLY, WELL = 12, 60
 #: The second for the whole domain.
 WELL_IN_DOMAIN = 400
 #: Steps of the first descent, after which a filling is given up that costs too much by MARGIN for every 100 elements;
-#: of the second; of that of the whole domain.
-STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), 150, 0.6
+#: of the second; of those of the whole domain, for which there is no margin.
+STEPS, STEPS_OF_DOMAIN, MARGIN = (6, 30), (30, 150), 0.6
 #: A whole domain with more elements than this is a large one.
 LARGE = 25_000
 #: Descents end when a step lowers the cost by less than this share: the first, the second, that of the whole domain.
 LEAST_FALL = (1e-3, 3e-4, 2e-5)
 #: What an irregular vertex counts against the cost when fillings are ranked by their first places.
 RANKED = 0.2
+#: What an element costs more in a whole domain that has e times as many.
+FINER = 0.03
 #: What the cost may rise by for each irregular vertex less, and must fall by when there is none less.
 WORTH, GAIN = 0.05, 0.15
 #: Patches on trial that are remembered, at most.
@@ -149,7 +151,8 @@ def build(mesh: Halfedges, trial: Trial, option: Floats, steps: int) -> None:
     elif kind == pattern.STAR:
         toggled_star(filling, first)
     else:
-        cut(filling, first, second, third)
+        ends = int(option[pattern.FOURTH])
+        cut(filling, first, second, third, ends // 3, ends % 3)
     taken = place(filling, trial.placement, growth.counts[LOOP], steps)
     growth.counts[WORK] += filling.counts[fill.QUADS] * (taken + 2) // PLACING
 
@@ -188,7 +191,7 @@ def rank(mesh: Halfedges, trial: Trial, options: int, placed: int) -> int:
 
 @inner
 def rank_settled(mesh: Halfedges, trial: Trial, count: int) -> int:
-    """Settle what was ranked a little, and sort it by what it costs then; how many are left."""
+    """Settle what was ranked for the whole domain a little, and sort it by the mean cost then; how many are left."""
     left = 0
     for i in range(count):
         chosen = trial.ranked[i, 1]
@@ -196,9 +199,10 @@ def rank_settled(mesh: Halfedges, trial: Trial, count: int) -> int:
         build(mesh, trial, option, WELL_IN_DOMAIN)
         if link(mesh, trial.growth, trial.filling, trial.exchange):
             copy_new(mesh, trial.growth, trial.region, trial.filling)
-            value = settle(trial.growth, trial.region, STEPS[0], LEAST_FALL[0])
-            value -= trial.level[0] * trial.filling.counts[fill.QUADS]
-            _insert(trial.ranked, left, value + RANKED * option[pattern.LEFT], chosen)
+            quads = trial.filling.counts[fill.QUADS]
+            value = settle(trial.growth, trial.region, STEPS_OF_DOMAIN[0], LEAST_FALL[0]) / quads
+            value += FINER * math.log(quads) + RANKED * option[pattern.LEFT] / trial.growth.counts[SIZE]
+            _insert(trial.ranked, left, value, chosen)
             left += 1
     return left
 
@@ -247,8 +251,8 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
     old, elements, guard = price(growth, region), growth.counts[SIZE], min(rate(region), FLOOR)
     large = elements > LARGE
     count = rank(mesh, trial, options, min(PLACED[1], max(LEAST, SHARED // elements)) if whole else PLACED[0])
-    count = min(count, (LEAST if large else SETTLED[1]) if whole else SETTLED[0])
-    if whole:
+    count = min(count, (1 if large else SETTLED[1]) if whole else SETTLED[0])
+    if count > 1 and whole:
         count = rank_settled(mesh, trial, count)
     for i in range(min(count, SETTLED[0])):
         option = trial.patterns.options[int(trial.ranked[i, 1])]
@@ -260,9 +264,9 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
         limit = old + trial.level[0] * (trial.filling.counts[fill.QUADS] - elements)
         limit += WORTH * fewer if fewer > 0.5 else -GAIN
         margin = MARGIN * max(1.0, region.counts[VERTICES] / 100.0)
-        if not settle(growth, region, STEPS[0], LEAST_FALL[0]) < limit + margin:
+        if not whole and not settle(growth, region, STEPS[0], LEAST_FALL[0]) < limit + margin:
             continue
-        steps, least_fall = STEPS_OF_DOMAIN if whole else STEPS[1], LEAST_FALL[2 if whole else 1]
+        steps, least_fall = STEPS_OF_DOMAIN[1] if whole else STEPS[1], LEAST_FALL[2 if whole else 1]
         if settle(growth, region, steps, least_fall) < limit and rate(region) >= guard:
             accept(mesh, trial)
             return True
