@@ -27,7 +27,7 @@ from freemesh_ray.jobs.submit_line import RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
 
 #: Bytes of a job's code, packed.
-SMALL = 2_000_000
+SMALL = 3_000_000
 
 
 @pytest.fixture(autouse=True)
