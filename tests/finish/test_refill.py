@@ -148,7 +148,7 @@ def test_cuts_into_a_star_and_a_rectangle(u: list[int], b: int, begin: int) -> N
     corners = [lengths[0], lengths[0] + lengths[1] + b, lengths[0] + lengths[1] + b + lengths[2]]
     shift = begin % n
     filling = on_circle(n, sorted((corner + shift) % n for corner in corners))
-    cut(filling, shift, (lengths[0] + lengths[1] + shift) % n, lengths[2])
+    cut(filling, shift, (lengths[0] + lengths[1] + shift) % n, lengths[2], CORNERED, CORNERED)
     check_filling(filling, n, 1)
 
 

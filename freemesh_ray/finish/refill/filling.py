@@ -335,7 +335,7 @@ def _one_side(filling: Filling, p: int, q: int, path: int, edges: int, forth: bo
 
 
 @inner
-def cut(filling: Filling, p: int, q: int, edges: int, at_p: int = CORNERED, at_q: int = CORNERED) -> None:
+def cut(filling: Filling, p: int, q: int, edges: int, at_p: int, at_q: int) -> None:
     """Cut the loop by a path of so many edges from place p to place q, and fill either side.
 
     Args:

@@ -90,7 +90,7 @@ def patterns_of(elements: int) -> Patterns:
 @inner
 def _keep(
     options: Floats, first: int, count: int, room: int, left: float, prior: float, kind: int,
-    a: int, b: int, c: int, elements: int, d: int = 0,
+    a: int, b: int, c: int, d: int, elements: int,
 ) -> int:  # fmt: skip
     """Keep an option if it is among the best ``room`` from ``first`` on; how many there are in all."""
     rank = WORTH * left + prior
@@ -192,7 +192,7 @@ def _list_rectangles(
             prior = best - WORTH * best_left
             prior += by_area * abs(math.log(max(1e-9, area / (h * h * a * b))))
             count = _keep(
-                options, first, count, KEPT[RECTANGLE], best_left, prior, RECTANGLE, rows, best_p, a, elements
+                options, first, count, KEPT[RECTANGLE], best_left, prior, RECTANGLE, rows, best_p, a, 0, elements
             )
     return count
 
@@ -226,7 +226,7 @@ def _list_star(
         elements += filling.before_spoke[i] * filling.before_spoke[(i + 1) % sides]
     if elements < low or elements > high:
         return count
-    return _keep(options, first, count, KEPT[STAR], left, prior, STAR, toggled, 0, 0, elements)
+    return _keep(options, first, count, KEPT[STAR], left, prior, STAR, toggled, 0, 0, 0, elements)
 
 
 @inner
@@ -304,9 +304,7 @@ def _keep_cuts(
         if there == 0 or here + there < low or here + there > high:
             continue
         prior = abs(math.log(max(1e-9, length / edges)))
-        count = _keep(
-            options, first, count, KEPT[CUT], left, prior, CUT, p, q, edges, here + there, 3 * at_p + at_q
-        )  # fmt: skip
+        count = _keep(options, first, count, KEPT[CUT], left, prior, CUT, p, q, edges, 3 * at_p + at_q, here + there)
     return count
 
 
