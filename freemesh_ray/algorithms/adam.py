@@ -56,13 +56,19 @@ class LeanAdam(torch.optim.Adam):
     """torch's fused Adam for one parameter group; the same numbers but for rounding, the same state dict.
 
     A step is a compiled loop, or elsewhere than on a CPU torch's fused kernel; torch's hooks and records are left out.
+
+    Raises:
+        ValueError: a parameter whose numbers are not in a row: the loop would change a copy.
     """
 
     def __init__(
         self, parameters: Sequence[torch.Tensor], lr: float, betas: tuple[float, float] = (0.9, 0.999)
     ) -> None:
         self._moments: Moments | None = None
-        super().__init__(list(parameters), lr=lr, betas=betas, fused=True)
+        parameters = list(parameters)
+        if not all(parameter.is_contiguous() for parameter in parameters):
+            raise ValueError("LeanAdam: a parameter is not contiguous; make it so")
+        super().__init__(parameters, lr=lr, betas=betas, fused=True)
 
     def load_state_dict(self, state_dict: Any) -> None:
         """Take over a state."""

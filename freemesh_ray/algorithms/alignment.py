@@ -21,11 +21,18 @@ def aligned(tensor: torch.Tensor) -> torch.Tensor:
     return tensor.clone() if tensor.data_ptr() % BYTES else tensor
 
 
-def aligned_zeros(shape: Sequence[int], dtype: type[np.generic]) -> np.ndarray:
-    """An array that begins at a multiple of BYTES: registers and tiles are filled from elsewhere in up to five times
-    the time.
+def aligned_empty(shape: Sequence[int], dtype: type[np.generic]) -> np.ndarray:
+    """An array of any content that begins at a multiple of BYTES: registers and tiles are filled from elsewhere in up
+    to five times the time.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    memory = np.zeros(size + BYTES, np.uint8)
+    memory = np.empty(size + BYTES, np.uint8)
     first = -memory.ctypes.data % BYTES
     return memory[first : first + size].view(dtype).reshape(shape)
+
+
+def aligned_zeros(shape: Sequence[int], dtype: type[np.generic]) -> np.ndarray:
+    """The same, of zeros."""
+    array = aligned_empty(shape, dtype)
+    array.fill(0)
+    return array

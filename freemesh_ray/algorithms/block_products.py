@@ -11,7 +11,6 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from envs.kernels.compiled import inlined
 from freemesh_ray.algorithms import dot_products, tiles
 
 #: Rows and columns of a block.
@@ -93,7 +92,25 @@ def _write_block(
     if _has_tiles(processor):
 
         def in_tiles(processor, a, a_first, a_stride, b, b_first, b_stride, depth, found, first, stride):  # type: ignore[no-untyped-def]
-            _in_tiles(a, a_first, a_stride, b, b_first, b_stride, depth, found, first, stride)
+            # Two times two tiles for the block, and as many for what is multiplied
+            tiles.zero(0)
+            tiles.zero(1)
+            tiles.zero(2)
+            tiles.zero(3)
+            for k in range(0, depth, BLOCK):
+                at_a, at_b = a_first + k, b_first + k // 2 * b_stride
+                tiles.load(4, a, at_a, a_stride)
+                tiles.load(5, a, at_a + _TILE * a_stride, a_stride)
+                tiles.load(6, b, at_b, b_stride)
+                tiles.load(7, b, at_b + _TILE, b_stride)
+                tiles.add_product(0, 4, 6)
+                tiles.add_product(1, 4, 7)
+                tiles.add_product(2, 5, 6)
+                tiles.add_product(3, 5, 7)
+            tiles.store(0, found, first, stride)
+            tiles.store(1, found, first + _TILE, stride)
+            tiles.store(2, found, first + _TILE * stride, stride)
+            tiles.store(3, found, first + _TILE * stride + _TILE, stride)
 
         return in_tiles
 
@@ -103,37 +120,3 @@ def _write_block(
             dot_products.block(a, at_a, a_stride, b, b_first, b_stride, depth, found, at_found, stride)
 
     return by_dot_products
-
-
-@inlined
-def _in_tiles(
-    a: np.ndarray,
-    a_first: int,
-    a_stride: int,
-    b: np.ndarray,
-    b_first: int,
-    b_stride: int,
-    depth: int,
-    found: np.ndarray,
-    first: int,
-    stride: int,
-) -> None:
-    """Two times two tiles for the block, and as many for what is multiplied."""
-    tiles.zero(0)
-    tiles.zero(1)
-    tiles.zero(2)
-    tiles.zero(3)
-    for k in range(0, depth, BLOCK):
-        at_a, at_b = a_first + k, b_first + k // 2 * b_stride
-        tiles.load(4, a, at_a, a_stride)
-        tiles.load(5, a, at_a + _TILE * a_stride, a_stride)
-        tiles.load(6, b, at_b, b_stride)
-        tiles.load(7, b, at_b + _TILE, b_stride)
-        tiles.add_product(0, 4, 6)
-        tiles.add_product(1, 4, 7)
-        tiles.add_product(2, 5, 6)
-        tiles.add_product(3, 5, 7)
-    tiles.store(0, found, first, stride)
-    tiles.store(1, found, first + _TILE, stride)
-    tiles.store(2, found, first + _TILE * stride, stride)
-    tiles.store(3, found, first + _TILE * stride + _TILE, stride)

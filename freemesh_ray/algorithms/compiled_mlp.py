@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from freemesh_ray.algorithms import mlp_passes
-from freemesh_ray.algorithms.alignment import aligned_zeros
+from freemesh_ray.algorithms.alignment import aligned_empty, aligned_zeros
 from freemesh_ray.algorithms.block_products import BLOCK
 from freemesh_ray.algorithms.mlp_passes import Network, Rooms
 from freemesh_ray.algorithms.networks import Mlp
@@ -82,7 +82,7 @@ class CompiledMlp:
 
     def values(self, rows: int) -> np.ndarray:
         """An array for what all layers take."""
-        return aligned_zeros((len(self.network.last), _padded(rows), int(self.network.widths.sum())), np.int16)
+        return aligned_empty((len(self.network.last), _padded(rows), int(self.network.widths.sum())), np.int16)
 
     def rooms(self, rows: int) -> Rooms:
         """What backward passes of so many rows need."""

@@ -131,6 +131,16 @@ def _smallest(q: np.ndarray, row: int) -> int:
     return best
 
 
+@inlined
+def _descend(parameters: np.ndarray, moments: Moments, taken: np.ndarray, which: int, settings: Settings) -> None:
+    """Adam's step along the gradient in ``moments``; ``which`` of critics, actor and temperature it is."""
+    taken[which] += 1
+    compiled_adam.descend(
+        parameters, moments.gradient, moments.average, moments.square, taken[which], settings.rates[which],
+        settings.beta1, settings.beta2, settings.eps,
+    )  # fmt: skip
+
+
 @compiled_sums
 def steps(
     experience: Experience,
@@ -196,13 +206,8 @@ def steps(
             mean_log_pi /= rows
             alpha_gradient = -(np.float32(mean_log_pi) + settings.target_entropy)
             figures[3], figures[4] = log_alpha[0] * alpha_gradient, mean_log_pi
-            taken[2] += 1
-            own = moments[2]
-            own.gradient[0] = alpha_gradient
-            compiled_adam.descend(
-                log_alpha, own.gradient, own.average, own.square, taken[2], settings.rates[2], settings.beta1,
-                settings.beta2, settings.eps,
-            )  # fmt: skip
+            moments[2].gradient[0] = alpha_gradient
+            _descend(log_alpha, moments[2], taken, 2, settings)
 
         # J_Q(theta): half the squared soft Bellman residual of each critic against the target critics
         _copy(experience.next_obs, at, work.pairs, 0, rows)
@@ -221,16 +226,11 @@ def steps(
                 loss += residual * residual
                 total += work.q[n, i, 0]
         figures[1], figures[2] = 0.5 * loss / rows, total / (rows * len(work.q))
-        own = moments[0]
         mlp_passes.backward(
-            critic, work.critic_values, work.critic_int32, work.d_q, own.gradient, work.critic_rooms, room, row,
+            critic, work.critic_values, work.critic_int32, work.d_q, moments[0].gradient, work.critic_rooms, room, row,
             processor,
         )  # fmt: skip
-        taken[0] += 1
-        compiled_adam.descend(
-            critic.parameters, own.gradient, own.average, own.square, taken[0], settings.rates[0], settings.beta1,
-            settings.beta2, settings.eps,
-        )  # fmt: skip
+        _descend(critic.parameters, moments[0], taken, 0, settings)
         mlp_passes.read(critic)
 
         # J(phi), with the critics just updated: alpha log pi - min Q, the gradient through the smaller critic only
@@ -260,18 +260,13 @@ def steps(
                 outputs[:rows], noise[:rows], work.sampled[: rows * width].reshape(rows, width), work.d_action,
                 alpha / size, work.d_outputs[0],
             )  # fmt: skip
-            own = moments[1]
             length = rows * actor_widths
             mlp_passes.backward(
                 actor, work.actor_values[:length].reshape(1, rows, actor_widths),
-                work.actor_int32[: length // 2].reshape(1, rows, actor_widths // 2), work.d_outputs, own.gradient,
-                work.actor_rooms, room, row, processor,
+                work.actor_int32[: length // 2].reshape(1, rows, actor_widths // 2), work.d_outputs,
+                moments[1].gradient, work.actor_rooms, room, row, processor,
             )  # fmt: skip
-            taken[1] += 1
-            compiled_adam.descend(
-                actor.parameters, own.gradient, own.average, own.square, taken[1], settings.rates[1], settings.beta1,
-                settings.beta2, settings.eps,
-            )  # fmt: skip
+            _descend(actor.parameters, moments[1], taken, 1, settings)
             mlp_passes.read(actor)
             figures[5] = alpha * mean_log_pi - total / rows
 

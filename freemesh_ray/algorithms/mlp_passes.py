@@ -258,6 +258,16 @@ def _add_rows(matrix: np.ndarray, found: np.ndarray) -> None:
             found[j] += widened(matrix[i, j])
 
 
+@inlined
+def _last_hidden(network: Network) -> tuple[int, int]:
+    """Where the values of the last hidden layer begin, and where its transposed weights would end."""
+    widths, count, at, at_turned = network.widths, len(network.biases), 0, 0
+    for layer in range(len(widths) - 1):
+        at += widths[layer]
+        at_turned += count * (widths[layer] * widths[layer + 1] // 2)
+    return at, at_turned
+
+
 @compiled_sums
 def backward(
     network: Network,
@@ -287,11 +297,9 @@ def backward(
     outputs = sizes[layers + 1]
     block_products.begin(processor)
     for n in range(count):
-        # Where the values of the last hidden layer begin, its transposed weights, and the gradients of the last layer
-        at, at_turned, at_weight, at_bias = 0, 0, 0, 0
+        at, at_turned = _last_hidden(network)
+        at_weight = 0  # where the gradients of the last layer begin
         for layer in range(layers):
-            at += widths[layer]
-            at_turned += count * (widths[layer] * widths[layer + 1] // 2)
             at_weight += count * sizes[layer] * sizes[layer + 1]
         units = widths[layers]
         at_bias = at_weight + count * sizes[layers] * outputs
@@ -379,10 +387,7 @@ def backward_to_input(
     found[:] = _ZERO
     block_products.begin(processor)
     for n in range(count):
-        at, at_turned = 0, 0
-        for layer in range(layers):
-            at += widths[layer]
-            at_turned += count * (widths[layer] * widths[layer + 1] // 2)
+        at, at_turned = _last_hidden(network)
         own = passed[0, : rows * widths[layers]].reshape(rows, widths[layers])
         _before_last(values, n, at, gradient, last, own, row)
         for layer in range(layers - 1, -1, -1):

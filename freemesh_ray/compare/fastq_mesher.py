@@ -49,7 +49,8 @@ def mesh(domain: Domain, name: str) -> MixedMesh:
     deck = cards(domain)
     with TemporaryDirectory(prefix="freemesh-fastq-") as folder:
         given, made = Path(folder, "domain.fsq"), Path(folder, "domain.g")
-        given.write_text(deck, encoding="ascii")
+        with open(given, "x", encoding="ascii") as file:
+            file.write(deck)
         start = time.perf_counter()
         said = _run(given, made)
         seconds = time.perf_counter() - start
@@ -100,7 +101,7 @@ def _run(given: Path, made: Path) -> str:
     """Run it in the folder of the deck; the last line that it said."""
     environment = os.environ | {"EXT03": "BAT", "EXT04": "EXODUSII", "FOR001": str(given), "FOR009": str(made)}
     log = given.with_suffix(".log")
-    with open(log, "wb") as out:
+    with open(log, "xb") as out:
         try:
             process = subprocess.Popen(
                 [PROGRAM, "-m", str(made), "-e", "2", str(given)],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 
 from freemesh_ray.algorithms.adam import LeanAdam
@@ -30,3 +31,21 @@ def test_it_descends_as_torch_s_adam_does() -> None:
 def test_a_reloaded_state_changes_nothing() -> None:
     for ours, theirs in zip(descend(LeanAdam, 20, reload_at=9), descend(LeanAdam, 20), strict=True):
         assert torch.equal(ours, theirs)
+
+
+def test_the_state_is_torch_s() -> None:
+    states = []
+    for make in (LeanAdam, torch.optim.Adam):
+        parameter = torch.nn.Parameter(torch.ones(3, 2))
+        optimizer = make([parameter], lr=1e-2)
+        parameter.grad = torch.arange(6.0).view(3, 2)
+        optimizer.step()
+        states.append(optimizer.state_dict()["state"][0])
+    assert states[0].keys() == states[1].keys()
+    for key in states[0]:
+        torch.testing.assert_close(states[0][key], states[1][key])
+
+
+def test_parameters_that_it_could_not_change_are_refused() -> None:
+    with pytest.raises(ValueError, match="not contiguous"):
+        LeanAdam([torch.zeros(3, 2).T], lr=1e-2)

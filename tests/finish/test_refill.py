@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rough_meshes import SHAPES, fan, grid, halfedges, rough, roughened
 from test_halfedges import check
 
+import freemesh_ray
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Floats
@@ -213,8 +214,29 @@ def check_patch(work: Halfedges, growth: Growth) -> None:
     assert vertices - edges + mask.sum() == 1
     inner = loop[~work.fixed[loop]]
     assert (work.degree[inner] - uses[inner] != 1).all()
+    assert reflex(work, growth) <= REFLEX_CORNERS
+
+
+def reflex(work: Halfedges, growth: Growth) -> int:
+    """Corners of the domain on the patch's loop that are reflex in it."""
+    loop = growth.loop[: growth.counts[LOOP]]
     given = loop[work.fixed[loop]]
-    assert (work.ideal[given] - work.degree[given] + uses[given] > REFLEX).sum() <= REFLEX_CORNERS
+    return int((work.ideal[given] - work.degree[given] + growth.uses[given] > REFLEX).sum())
+
+
+def test_patches_go_around_reflex_corners() -> None:
+    work = halfedges(grid("L"))
+    growth = growth_of(work)
+    seen = set()
+    for v in range(work.counts[VERTICES]):
+        if work.fixed[v]:
+            continue
+        shrink(work, growth, 0)
+        if add(work, growth, push_fan(work, growth, v, 0), len(work.quads)):
+            while add(work, growth, stack_around(work, growth), len(work.quads)):
+                pass
+            seen.add(reflex(work, growth))
+    assert seen == {1}
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -338,6 +360,16 @@ def test_work_is_bounded() -> None:
     assert counts[0] <= 1
     assert counts == sorted(counts)
     assert counts[-1] > counts[0]
+
+
+def test_a_whole_domain_tried_in_vain_costs_patches_no_work() -> None:
+    """It is no disc of few reflex corners that rows fill, so that all that changes it are patches."""
+    mesh = freemesh_ray.mesh("part-31002", effort="quick").result.finished
+    usual = EFFORTS["usual"]
+    without, with_whole = (refilled(mesh, usual._replace(whole=whole))[0] for whole in (0, usual.whole))
+    np.testing.assert_array_equal(with_whole.quads, without.quads)
+    np.testing.assert_array_equal(with_whole.vertices, without.vertices)
+    assert len(irregular(without)) < len(irregular(mesh))
 
 
 @pytest.mark.parametrize("elements", [3, 5, 12, 40])
