@@ -21,11 +21,13 @@ from freemesh_ray.finish.cleanup import FLOOR
 from freemesh_ray.finish.finish import LOST, better
 from freemesh_ray.finish.halfedges import NONE, Halfedges, compact
 from freemesh_ray.finish.refill import Effort, refill
+from freemesh_ray.finish.refill.annulus import rings
 from freemesh_ray.finish.refill.filling import (
     CORNER_COUNT,
     CORNERED,
     FLAT_FIRST,
     FLAT_SECOND,
+    HOLE,
     LENGTH,
     QUADS,
     VERTICES,
@@ -40,6 +42,7 @@ from freemesh_ray.finish.refill.filling import (
 )
 from freemesh_ray.finish.refill.growth import (
     LOOP,
+    OUTER,
     REFLEX,
     REFLEX_CORNERS,
     SIZE,
@@ -62,8 +65,30 @@ def on_circle(n: int, corners: list[int], room: int = 4000) -> Filling:
     filling.xy[:n] = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     filling.loop[:n] = np.arange(n)
     filling.corners[: len(corners)] = corners
-    filling.counts[:] = [0, n, n, len(corners)]
+    filling.counts[:] = [0, n, n, len(corners), 0]
     return filling
+
+
+def annulus(n: int, corners: int, rows: int) -> Filling:
+    """An empty loop of that many vertices, every quarter of it a corner or none, and a hole of as many after rows."""
+    filling = on_circle(n, [n // 4 * k for k in range(corners)])
+    m = n - 2 * corners * rows
+    turn = -2.0 * np.pi * np.arange(m) / m
+    filling.xy[n : n + m] = 0.3 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    filling.hole[:m] = n + np.arange(m)
+    filling.counts[VERTICES], filling.counts[HOLE] = n + m, m
+    return filling
+
+
+def ring_mesh(n: int, rows: int) -> Mesh:
+    """Rows between two circles of n vertices each."""
+    filling = annulus(n, 0, 0)
+    rings(filling, 0, rows - 1, 0)
+    place(filling, placement_of(filling), 2 * n, 400)
+    i = np.arange(n)
+    segments = np.concatenate([np.stack([k + i, k + (i + 1) % n], axis=1) for k in (0, n)])
+    vertices, quads = filling.xy[: filling.counts[VERTICES]].copy(), filling.quads[: filling.counts[QUADS]].copy()
+    return Mesh("ring", vertices, quads, segments, True)
 
 
 def mesh_of(filling: Filling, n: int) -> Mesh:
@@ -199,9 +224,14 @@ def patch_mask(growth: Growth) -> np.ndarray:
     return mask
 
 
+def area_within(work: Halfedges, loop: np.ndarray) -> float:
+    x, y = work.xy[loop].T
+    return 0.5 * float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+
+
 def check_patch(work: Halfedges, growth: Growth) -> None:
-    """Assert that the patch is a disc, and that inside the domain no vertex of its loop has one element outside."""
-    mask, n = patch_mask(growth), growth.counts[LOOP]
+    """Assert that the patch is a disc, or one with a hole, and that no vertex of its loops has one element outside."""
+    mask, n, outer = patch_mask(growth), growth.counts[LOOP], growth.counts[OUTER]
     np.testing.assert_array_equal(growth.inside, mask)
     uses = np.bincount(work.quads[mask].ravel(), minlength=len(growth.uses))
     np.testing.assert_array_equal(growth.uses, uses)
@@ -211,15 +241,19 @@ def check_patch(work: Halfedges, growth: Growth) -> None:
     rim = h[(work.opp[h] == NONE) | ~mask[work.opp[h] >> 2]]
     assert sorted(rim.tolist()) == sorted(growth.rim[:n].tolist())
     vertices, edges = len(np.unique(work.quads[mask])), (len(h) + len(rim)) // 2
-    assert vertices - edges + mask.sum() == 1
+    assert vertices - edges + mask.sum() == (1 if n == outer else 0)
+    assert area_within(work, loop[:outer]) > 0.0
+    if n > outer:
+        assert area_within(work, loop[outer:]) < 0.0
+        assert (work.opp[growth.rim[outer:n]] == NONE).all()
     inner = loop[~work.fixed[loop]]
     assert (work.degree[inner] - uses[inner] != 1).all()
     assert reflex(work, growth) <= REFLEX_CORNERS
 
 
 def reflex(work: Halfedges, growth: Growth) -> int:
-    """Corners of the domain on the patch's loop that are reflex in it."""
-    loop = growth.loop[: growth.counts[LOOP]]
+    """Corners of the domain on the patch's outer loop that are reflex in it."""
+    loop = growth.loop[: growth.counts[OUTER]]
     given = loop[work.fixed[loop]]
     return int((work.ideal[given] - work.degree[given] + growth.uses[given] > REFLEX).sum())
 
@@ -237,6 +271,21 @@ def test_patches_go_around_reflex_corners() -> None:
                 pass
             seen.add(reflex(work, growth))
     assert seen == {1}
+
+
+def test_patches_go_around_holes() -> None:
+    work = halfedges(ring_mesh(16, 4))
+    growth = growth_of(work)
+    seen = set()
+    for v in range(work.counts[VERTICES]):
+        if work.fixed[v]:
+            continue
+        shrink(work, growth, 0)
+        assert add(work, growth, push_fan(work, growth, v, 0), len(work.quads))
+        while add(work, growth, stack_around(work, growth), len(work.quads)):
+            check_patch(work, growth)
+        seen.add(int(growth.counts[LOOP] - growth.counts[OUTER]))
+    assert seen == {16}
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -346,6 +395,36 @@ def test_rough_discs_become_rows_around_a_square(n: int, changes: int) -> None:
         assert quality[1] > 0.88
 
 
+@settings(max_examples=40, deadline=None)
+@given(st.integers(3, 30), st.sampled_from([0, 4]), st.integers(0, 3), st.integers(0, 4), st.integers(0, 100))
+def test_rows_around_a_hole(quarter: int, corners: int, outside: int, inside: int, offset: int) -> None:
+    n = 4 * (quarter + 2 * outside + 1)
+    filling = annulus(n, corners, outside)
+    m = int(filling.counts[HOLE])
+    rings(filling, outside, inside, offset)
+    quads = filling.quads[: filling.counts[QUADS]]
+    assert len(quads) == sum(n - 2 * corners * k - corners for k in range(outside)) + m * (inside + 1)
+    uses = np.bincount(quads.ravel())
+    corner = np.zeros(n, dtype=bool)
+    corner[[n // 4 * k for k in range(corners if outside else 0)]] = True
+    np.testing.assert_array_equal(uses[:n], np.where(corner, 1, 2))
+    np.testing.assert_array_equal(uses[n : n + m], 2)
+    assert (uses[n + m :] == 5).sum() == (corners if outside and inside else 0) or inside == 0
+    edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    counts = np.unique(edges, axis=0, return_counts=True)[1]
+    assert ((counts == 1).sum(), counts.max()) == (n + m, 2)
+
+
+@pytest.mark.parametrize(("n", "rows"), [(24, 4), (80, 9)])
+def test_rough_rings_become_rows(n: int, rows: int) -> None:
+    mesh = roughened(ring_mesh(n, rows), 1, 20)
+    assert len(irregular(mesh)) > 4
+    found = finish(mesh).mesh
+    assert len(irregular(found)) == 0
+    assert len(found.quads) % n == 0
+    assert element_quality(found.vertices, found.quads).min() > 0.6
+
+
 def test_no_effort_and_regular_meshes_leave_all_as_it_is() -> None:
     for mesh, effort in ((rough("L", 3), "quick"), (grid("ring"), "thorough"), (grid("cell"), "usual")):
         result, _, count = refilled(mesh, EFFORTS[effort])
@@ -356,7 +435,8 @@ def test_no_effort_and_regular_meshes_leave_all_as_it_is() -> None:
 
 def test_work_is_bounded() -> None:
     mesh = rough("ring", 11, 25)
-    counts = [refilled(mesh, EFFORTS["thorough"]._replace(work=work, share=work))[2] for work in (1, 20_000, 1 << 40)]
+    patches = EFFORTS["thorough"]._replace(whole=0)
+    counts = [refilled(mesh, patches._replace(work=work, share=work))[2] for work in (1, 20_000, 1 << 40)]
     assert counts[0] <= 1
     assert counts == sorted(counts)
     assert counts[-1] > counts[0]

@@ -12,7 +12,7 @@ from freemesh_ray.finish import halfedges
 from freemesh_ray.finish.halfedges import NONE, Halfedges, after, around, before, origin
 from freemesh_ray.finish.refill import filling as fill
 from freemesh_ray.finish.refill.filling import Filling
-from freemesh_ray.finish.refill.growth import LOOP, SIZE, Growth, new_mark, shrink
+from freemesh_ray.finish.refill.growth import LOOP, SIZE, Growth, following, new_mark, shrink
 
 
 class Exchange(NamedTuple):
@@ -21,8 +21,8 @@ class Exchange(NamedTuple):
     Attributes:
         first: (N,) int64, the last half-edge of the filling that leaves a vertex, and
         chain: (4 Q,) int64, the one before it.
-        opposite: (4 Q,) int64, the half-edge of the filling on the other side; -2 - i across edge i of the loop.
-        beyond: (R,) int64, the half-edge outside across each edge of the loop.
+        opposite: (4 Q,) int64, the half-edge of the filling on the other side; -2 - i across edge i of the loops.
+        beyond: (R,) int64, the half-edge outside across each edge of the loops.
         vertex: (N,) int64, the mesh's vertex for each of the filling.
         inside: (V,) int64, the vertices inside the old patch.
         version: (M,) int64, how often an element was exchanged.
@@ -98,7 +98,7 @@ def link(mesh: Halfedges, growth: Growth, filling: Filling, exchange: Exchange) 
         while g != NONE and filling.quads[g >> 2, (g + 1) & 3] != u:
             g = exchange.chain[g]
         if g == NONE:
-            if u >= loop or w != (u + 1) % loop:
+            if u >= loop or w != following(growth, u):
                 return False
             g, rim = -2 - u, rim + 1
         elif u < loop and w < loop and _joined_outside(mesh, growth, growth.loop[u], growth.loop[w]):

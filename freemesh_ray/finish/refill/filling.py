@@ -1,6 +1,7 @@
 """What a patch is filled with: rows along its loop, rectangles, stars, and cuts into two of those.
 
-Vertices are numbered from 0: those of the loop first, counter-clockwise, then the new ones. Each gets a first place.
+Vertices are numbered from 0: those of the loop first, counter-clockwise, then those around the hole in the patch, if
+it has one, clockwise, then the new ones. Each gets a first place. Fillings around a hole: `annulus`.
 
     rows           one element deep all round; a corner of the loop stays a corner of the loop inside
     rectangle      four corners on an even loop, opposite sides equally long: a x b elements, no irregular vertex
@@ -19,7 +20,7 @@ import numpy as np
 from envs.kernels.compiled import inlined, inner
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import Halfedges
-from freemesh_ray.finish.refill.growth import LOOP, Growth, target
+from freemesh_ray.finish.refill.growth import LOOP, OUTER, Growth, target
 
 #: Corners of a loop, at most; a patch with more is not filled.
 CORNERS = 64
@@ -33,7 +34,7 @@ _BOTTOM, _RIGHT, _TOP, _LEFT = range(4)
 #: What a cut may be at its ends; see `cut`.
 CORNERED, FLAT_FIRST, FLAT_SECOND = range(3)
 # Entries of Filling.counts.
-QUADS, VERTICES, LENGTH, CORNER_COUNT = range(4)
+QUADS, VERTICES, LENGTH, CORNER_COUNT, HOLE = range(5)
 
 
 class Filling(NamedTuple):
@@ -43,6 +44,7 @@ class Filling(NamedTuple):
         xy: (N, 2) float64, where the vertices are.
         quads: (Q, 4) int64, counter-clockwise.
         loop, next_loop: (R,) int64, the vertices around what is still empty.
+        hole: (R,) int64, the vertices around the hole in it, with what is empty on their left, too.
         corners, next_corners: (CORNERS,) int64, where on the loop its corners are, in order.
         role, partner: (R,) int64, of each vertex of the loop: whether it is a corner; the vertex beside it inside.
         sides: (4, R) int64, the vertices on the sides of a rectangle.
@@ -50,13 +52,14 @@ class Filling(NamedTuple):
         piece: (R,) int64, the vertices around one side of a cut.
         piece_corners: (8,) int64, where its corners are.
         lengths, before_spoke: (8,) int64, of each side of a star: its elements; those before its spoke.
-        counts: (4,) int64: elements, vertices, vertices of the loop, corners.
+        counts: (5,) int64: elements, vertices, vertices of the loop, corners, vertices around the hole.
     """
 
     xy: Floats
     quads: Ints
     loop: Ints
     next_loop: Ints
+    hole: Ints
     corners: Ints
     next_corners: Ints
     role: Ints
@@ -78,32 +81,46 @@ def filling_of(elements: int) -> Filling:
         return np.zeros(shape, dtype=np.int64)
 
     return Filling(
-        xy=np.zeros((2 * room, 2)), quads=ints(elements, 4), loop=ints(room), next_loop=ints(room),
+        xy=np.zeros((2 * room, 2)), quads=ints(elements, 4), loop=ints(room), next_loop=ints(room), hole=ints(room),
         corners=ints(CORNERS), next_corners=ints(CORNERS), role=ints(room), partner=ints(room), sides=ints(4, room),
         spokes=ints(5, room), piece=ints(room), piece_corners=ints(8), lengths=ints(8), before_spoke=ints(8),
-        counts=ints(4),
+        counts=ints(5),
     )  # fmt: skip
 
 
 @inner
 def begin(mesh: Halfedges, growth: Growth, filling: Filling) -> bool:
-    """Begin with the loop around a patch; False when it has too many corners."""
-    n, corners = growth.counts[LOOP], 0
+    """Begin with the loops around a patch; False when the outer one has too many corners."""
+    n, outer, corners = growth.counts[LOOP], growth.counts[OUTER], 0
     for i in range(n):
         v = growth.loop[i]
-        filling.loop[i], filling.xy[i, 0], filling.xy[i, 1] = i, mesh.xy[v, 0], mesh.xy[v, 1]
+        filling.xy[i, 0], filling.xy[i, 1] = mesh.xy[v, 0], mesh.xy[v, 1]
+        if i >= outer:
+            filling.hole[i - outer] = i
+            continue
+        filling.loop[i] = i
         if target(mesh, growth, v) < CORNER:
             if corners == CORNERS:
                 return False
             filling.corners[corners] = i
             corners += 1
     filling.counts[QUADS], filling.counts[VERTICES] = 0, n
-    filling.counts[LENGTH], filling.counts[CORNER_COUNT] = n, corners
+    filling.counts[LENGTH], filling.counts[CORNER_COUNT], filling.counts[HOLE] = outer, corners, n - outer
     return True
 
 
+@inner
+def edge_length(filling: Filling, loop: Ints, n: int) -> float:
+    """The mean length of the edges of a loop of n vertices."""
+    total, xy = 0.0, filling.xy
+    for i in range(n):
+        a, b = loop[i], loop[(i + 1) % n]
+        total += math.sqrt((xy[b, 0] - xy[a, 0]) ** 2 + (xy[b, 1] - xy[a, 1]) ** 2)
+    return total / n
+
+
 @inlined
-def _quad(filling: Filling, a: int, b: int, c: int, d: int) -> None:
+def quad(filling: Filling, a: int, b: int, c: int, d: int) -> None:
     at = filling.counts[QUADS]
     filling.quads[at, 0], filling.quads[at, 1], filling.quads[at, 2], filling.quads[at, 3] = a, b, c, d
     filling.counts[QUADS] = at + 1
@@ -129,9 +146,9 @@ def rows_fit(filling: Filling) -> bool:
 
 
 @inner
-def _beside(filling: Filling, before: int, i: int, after: int, h: float) -> int:
-    """A new vertex inside, h away from a vertex of the loop."""
-    xy, a, v, b = filling.xy, filling.loop[before], filling.loop[i], filling.loop[after]
+def beside(filling: Filling, a: int, v: int, b: int, h: float) -> int:
+    """A new vertex inside, h away from vertex v of a loop, between a and b."""
+    xy = filling.xy
     x1, y1, x2, y2 = xy[v, 0] - xy[a, 0], xy[v, 1] - xy[a, 1], xy[b, 0] - xy[v, 0], xy[b, 1] - xy[v, 1]
     per1 = 1.0 / max(1e-300, math.sqrt(x1 * x1 + y1 * y1))
     per2 = 1.0 / max(1e-300, math.sqrt(x2 * x2 + y2 * y2))
@@ -162,7 +179,7 @@ def row(filling: Filling, h: float) -> None:
         elif role[before] == 1 or role[after] == 1:
             continue
         else:
-            partner[i] = _beside(filling, before, i, after, h)
+            partner[i] = beside(filling, loop[before], loop[i], loop[after], h)
         filling.next_loop[inside] = partner[i]
         inside += 1
     for i in range(n):
@@ -174,9 +191,9 @@ def row(filling: Filling, h: float) -> None:
     for i in range(n):
         before, after = (i + n - 1) % n, (i + 1) % n
         if role[i] == 1:
-            _quad(filling, loop[i], loop[after], partner[i], loop[before])
+            quad(filling, loop[i], loop[after], partner[i], loop[before])
         elif role[after] == 0:
-            _quad(filling, loop[i], loop[after], partner[after], partner[i])
+            quad(filling, loop[i], loop[after], partner[after], partner[i])
     for i in range(inside):
         loop[i] = filling.next_loop[i]
     for k in range(corners):
@@ -216,7 +233,7 @@ def _grid(filling: Filling, a: int, b: int) -> None:
             filling.counts[VERTICES] += 1
     for j in range(b):
         for i in range(a):
-            _quad(
+            quad(
                 filling, _node(filling, first, a, b, i, j), _node(filling, first, a, b, i + 1, j),
                 _node(filling, first, a, b, i + 1, j + 1), _node(filling, first, a, b, i, j + 1),
             )  # fmt: skip

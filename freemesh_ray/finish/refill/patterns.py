@@ -29,15 +29,20 @@ from freemesh_ray.finish.refill.filling import (
     spokes_of,
 )
 from freemesh_ray.finish.refill.growth import LOOP, REFLEX, SIZE, WORK, Growth, new_mark, outside, target
+from freemesh_ray.finish.refill.options import (
+    COLUMNS,
+    CUT,
+    ELEMENTS,
+    LEFT,
+    RANK,
+    RECTANGLE,
+    ROOM,
+    STAR,
+    WORTH,
+    in_order,
+    keep,
+)
 
-RECTANGLE, STAR, CUT = range(3)
-#: Columns of Patterns.options: the key they are sorted by, irregular vertices left, kind, four numbers of the kind
-#: (rows, first place, first side; the place toggled; the two ends of a cut, its edges, and three times what it is at
-#: the first end with what it is at the second), elements.
-RANK, LEFT, KIND, FIRST, SECOND, THIRD, FOURTH, ELEMENTS = range(8)
-COLUMNS = 8
-#: What an irregular vertex counts in the rank.
-WORTH = 0.5
 #: Options of each kind that are kept: rectangles for each number of rows, stars, cuts.
 KEPT = (4, 4, 8)
 #: Rows around a rectangle, at most, and over the length of the loop when that is the domain's boundary.
@@ -54,8 +59,6 @@ ROUND, STRAIGHT = 1.6, 0.1
 SHORT, LONG, LONGEST = 0.75, 1.35, 160
 #: Places on a loop without corners that a rectangle's corners are tried at, about.
 PLACES = 100
-#: Options in all, at most.
-ROOM = 4096
 
 
 class Patterns(NamedTuple):
@@ -66,7 +69,7 @@ class Patterns(NamedTuple):
         more: (R,) float64, what it costs more as a corner, with one.
         three: (R,) float64, what it costs more with three; infinite unless it is a reflex corner.
         inner_more: (R,) float64, as ``more`` on the loop inside the rows.
-        options: (ROOM, COLUMNS) float64, see RANK.
+        options: (ROOM, COLUMNS) float64, see `options`.
         before: (1,) float64, what the patch costs as it is.
     """
 
@@ -85,26 +88,6 @@ def patterns_of(elements: int) -> Patterns:
         flat=np.zeros(room), more=np.zeros(room), three=np.zeros(room), inner_more=np.zeros(room),
         options=np.zeros((ROOM, COLUMNS)), before=np.zeros(1),
     )  # fmt: skip
-
-
-@inner
-def _keep(
-    options: Floats, first: int, count: int, room: int, left: float, prior: float, kind: int,
-    a: int, b: int, c: int, d: int, elements: int,
-) -> int:  # fmt: skip
-    """Keep an option if it is among the best ``room`` from ``first`` on; how many there are in all."""
-    rank = WORTH * left + prior
-    end = min(first + room, len(options))
-    if first >= end or (count == end and options[end - 1, RANK] <= rank):
-        return count
-    at = count if count < end else end - 1
-    while at > first and options[at - 1, RANK] > rank:
-        for column in range(COLUMNS):
-            options[at, column] = options[at - 1, column]
-        at -= 1
-    options[at, RANK], options[at, LEFT], options[at, KIND], options[at, ELEMENTS] = rank, left, kind, elements
-    options[at, FIRST], options[at, SECOND], options[at, THIRD], options[at, FOURTH] = a, b, c, d
-    return min(count + 1, end)
 
 
 @inner
@@ -191,9 +174,8 @@ def _list_rectangles(
         if best < math.inf:
             prior = best - WORTH * best_left
             prior += by_area * abs(math.log(max(1e-9, area / (h * h * a * b))))
-            count = _keep(
-                options, first, count, KEPT[RECTANGLE], best_left, prior, RECTANGLE, rows, best_p, a, 0, elements
-            )
+            numbers = (rows, best_p, a, 0)
+            count = keep(options, first, count, KEPT[RECTANGLE], best_left, prior, RECTANGLE, elements, numbers)
     return count
 
 
@@ -226,7 +208,7 @@ def _list_star(
         elements += filling.before_spoke[i] * filling.before_spoke[(i + 1) % sides]
     if elements < low or elements > high:
         return count
-    return _keep(options, first, count, KEPT[STAR], left, prior, STAR, toggled, 0, 0, 0, elements)
+    return keep(options, first, count, KEPT[STAR], left, prior, STAR, elements, (toggled, 0, 0, 0))
 
 
 @inner
@@ -304,7 +286,8 @@ def _keep_cuts(
         if there == 0 or here + there < low or here + there > high:
             continue
         prior = abs(math.log(max(1e-9, length / edges)))
-        count = _keep(options, first, count, KEPT[CUT], left, prior, CUT, p, q, edges, 3 * at_p + at_q, here + there)
+        numbers = (p, q, edges, 3 * at_p + at_q)
+        count = keep(options, first, count, KEPT[CUT], left, prior, CUT, here + there, numbers)
     return count
 
 
@@ -362,7 +345,7 @@ def _list_cuts(
 def list_patterns(
     mesh: Halfedges, growth: Growth, filling: Filling, patterns: Patterns, most: float, whole: bool
 ) -> int:
-    """Fill ``patterns.options``, the best first, with the fillings that leave at most ``most``; how many there are.
+    """Fill ``patterns.options``, the best first, with the fillings of a disc that leave at most ``most``; how many.
 
     Args:
         mesh, growth: not changed; the patch is assessed.
@@ -393,7 +376,7 @@ def list_patterns(
     count = _list_cuts(filling, options, patterns.three, base, most, low, high, h, count)
     corners, made = filling.counts[CORNER_COUNT], 0
     if base > most:
-        return _sorted(options, count)
+        return in_order(options, count)
     if whole:
         high = max(high, MOST_OF_DOMAIN * wanted)
     for rows in range(1, (n // ROWS_OF_DOMAIN if whole else ROWS) + 1):
@@ -418,17 +401,4 @@ def list_patterns(
             worth = WORTH * options[option, LEFT]
             finer = abs(math.log(options[option, ELEMENTS] / (ROUND * wanted)))
             options[option, RANK] = worth + finer + STRAIGHT * (options[option, RANK] - worth)
-    return _sorted(options, count)
-
-
-@inner
-def _sorted(options: Floats, count: int) -> int:
-    """Sort the options by rank; how many there are."""
-    for i in range(1, count):
-        at = i
-        while at > 0 and options[at - 1, RANK] > options[at, RANK]:
-            for column in range(COLUMNS):
-                kept = options[at, column]
-                options[at, column], options[at - 1, column] = options[at - 1, column], kept
-            at -= 1
-    return count
+    return in_order(options, count)

@@ -22,6 +22,7 @@ from freemesh_ray.finish.refill.filling import CORNER
 from freemesh_ray.finish.refill.growth import (
     LOOP,
     MOST_ROOM,
+    OUTER,
     REFLEX_CORNERS,
     SIZE,
     WORK,
@@ -78,13 +79,13 @@ SIDES = 16
 def clear(mesh: Halfedges, trial: Trial) -> None:
     """Begin with an empty patch."""
     shrink(mesh, trial.growth, 0)
-    trial.growth.counts[LOOP] = 0
+    trial.growth.counts[LOOP] = trial.growth.counts[OUTER] = 0
     trial.state[IRREGULAR], trial.state[TRIED_SIZE] = -1, 0
 
 
 @inner
 def fill_domain(mesh: Halfedges, trial: Trial) -> bool:
-    """Fill the whole domain anew if it is a disc with few reflex corners or none; whether that was done."""
+    """Fill the whole domain anew if it has one hole at most and few reflex corners around; whether that was done."""
     growth = trial.growth
     clear(mesh, trial)
     for v in range(mesh.counts[VERTICES]):
@@ -97,7 +98,7 @@ def fill_domain(mesh: Halfedges, trial: Trial) -> bool:
             growth.counts[SIZE] += 1
             for c in range(4):
                 growth.uses[mesh.quads[quad, c]] += 1
-    if trace(mesh, growth) != growth.counts[LOOP] or reflex_corners(mesh, growth) > REFLEX_CORNERS:
+    if not trace(mesh, growth) or reflex_corners(mesh, growth) > REFLEX_CORNERS:
         return False
     return try_patch(mesh, trial, 1, True)
 
@@ -105,7 +106,7 @@ def fill_domain(mesh: Halfedges, trial: Trial) -> bool:
 @inner
 def _side(mesh: Halfedges, growth: Growth, number: int, way: int) -> tuple[int, int]:
     """Where side ``number`` of the loop begins, in the order of the way to grow, and its length; 0: there is none."""
-    n, corners, first, last = growth.counts[LOOP], 0, -1, -1
+    n, corners, first, last = growth.counts[OUTER], 0, -1, -1
     for i in range(n):
         if target(mesh, growth, growth.loop[i]) < CORNER:
             corners += 1

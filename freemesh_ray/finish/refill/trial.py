@@ -13,10 +13,20 @@ from freemesh_ray.finish.cleanup import FLOOR
 from freemesh_ray.finish.halfedges import Halfedges
 from freemesh_ray.finish.optimiser import cost
 from freemesh_ray.finish.refill import filling as fill
-from freemesh_ray.finish.refill import patterns as pattern
+from freemesh_ray.finish.refill import options
+from freemesh_ray.finish.refill.annulus import list_rings, rings
 from freemesh_ray.finish.refill.exchange import Exchange, exchange_of, link, make_way
-from freemesh_ray.finish.refill.filling import Filling, begin, cut, filling_of, rectangle, row, toggled_star
-from freemesh_ray.finish.refill.growth import LOOP, SIZE, WORK, Growth, growth_of
+from freemesh_ray.finish.refill.filling import (
+    Filling,
+    begin,
+    cut,
+    edge_length,
+    filling_of,
+    rectangle,
+    row,
+    toggled_star,
+)
+from freemesh_ray.finish.refill.growth import LOOP, OUTER, SIZE, WORK, Growth, growth_of
 from freemesh_ray.finish.refill.patterns import Patterns, assess, list_patterns, patterns_of
 from freemesh_ray.finish.refill.placement import Placement, place, placement_of
 from freemesh_ray.finish.refill.region import (
@@ -137,22 +147,19 @@ def build(mesh: Halfedges, trial: Trial, option: Floats, steps: int) -> None:
     """Fill the patch as an option says, its vertices so many steps on their way to where they are harmonic."""
     growth, filling = trial.growth, trial.filling
     begin(mesh, growth, filling)
-    kind, first = int(option[pattern.KIND]), int(option[pattern.FIRST])
-    second, third = int(option[pattern.SECOND]), int(option[pattern.THIRD])
-    if kind == pattern.RECTANGLE:
-        h, n = 0.0, growth.counts[LOOP]
-        for i in range(n):
-            x = filling.xy[(i + 1) % n, 0] - filling.xy[i, 0]
-            y = filling.xy[(i + 1) % n, 1] - filling.xy[i, 1]
-            h += math.sqrt(x * x + y * y) / n
+    kind, first, second = int(option[options.KIND]), int(option[options.FIRST]), int(option[options.SECOND])
+    third, fourth = int(option[options.THIRD]), int(option[options.FOURTH])
+    if kind == options.RECTANGLE:
+        h = edge_length(filling, filling.loop, filling.counts[fill.LENGTH])
         for _ in range(first):
             row(filling, h)
         rectangle(filling, filling.loop, filling.counts[fill.LENGTH], second, third)
-    elif kind == pattern.STAR:
+    elif kind == options.STAR:
         toggled_star(filling, first)
+    elif kind == options.CUT:
+        cut(filling, first, second, third, fourth // 3, fourth % 3)
     else:
-        ends = int(option[pattern.FOURTH])
-        cut(filling, first, second, third, ends // 3, ends % 3)
+        rings(filling, first, second, third)
     taken = place(filling, trial.placement, growth.counts[LOOP], steps)
     growth.counts[WORK] += filling.counts[fill.QUADS] * (taken + 2) // PLACING
 
@@ -177,16 +184,16 @@ def _insert(ranked: Floats, count: int, value: float, option: float) -> None:
 
 
 @inner
-def rank(mesh: Halfedges, trial: Trial, options: int, placed: int) -> int:
+def rank(mesh: Halfedges, trial: Trial, count: int, placed: int) -> int:
     """Place the first options, and sort them by cost and irregular vertices; how many there are."""
-    for i in range(min(options, placed)):
+    for i in range(min(count, placed)):
         option = trial.patterns.options[i]
         build(mesh, trial, option, ROUGHLY)
         value = filling_cost(trial) - trial.level[0] * trial.filling.counts[fill.QUADS]
         if not value < math.inf:
             value = 1e6
-        _insert(trial.ranked, i, value + RANKED * option[pattern.LEFT], float(i))
-    return min(options, placed)
+        _insert(trial.ranked, i, value + RANKED * option[options.LEFT], float(i))
+    return min(count, placed)
 
 
 @inner
@@ -201,7 +208,7 @@ def rank_settled(mesh: Halfedges, trial: Trial, count: int) -> int:
             copy_new(mesh, trial.growth, trial.region, trial.filling)
             quads = trial.filling.counts[fill.QUADS]
             value = settle(trial.growth, trial.region, STEPS_OF_DOMAIN[0], LEAST_FALL[0]) / quads
-            value += FINER * math.log(quads) + RANKED * option[pattern.LEFT] / trial.growth.counts[SIZE]
+            value += FINER * math.log(quads) + RANKED * option[options.LEFT] / trial.growth.counts[SIZE]
             _insert(trial.ranked, left, value, chosen)
             left += 1
     return left
@@ -242,15 +249,19 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
     before = trial.patterns.before[0]
     if before - drop < least - 1e-9:
         return False
-    options = list_patterns(mesh, growth, trial.filling, trial.patterns, before - drop + 1e-9, whole)
-    if options == 0:
+    most = before - drop + 1e-9
+    if growth.counts[LOOP] > growth.counts[OUTER]:
+        count = list_rings(mesh, growth, trial.filling, trial.patterns, most, whole)
+    else:
+        count = list_patterns(mesh, growth, trial.filling, trial.patterns, most, whole)
+    if count == 0:
         return False
     state[TRIED] += 1
     surround(mesh, growth, region)
     copy_old(mesh, growth, region)
     old, elements, guard = price(growth, region), growth.counts[SIZE], min(rate(region), FLOOR)
     large = elements > LARGE
-    count = rank(mesh, trial, options, min(PLACED[1], max(LEAST, SHARED // elements)) if whole else PLACED[0])
+    count = rank(mesh, trial, count, min(PLACED[1], max(LEAST, SHARED // elements)) if whole else PLACED[0])
     count = min(count, (1 if large else SETTLED[1]) if whole else SETTLED[0])
     if count > 1 and whole:
         count = rank_settled(mesh, trial, count)
@@ -260,7 +271,7 @@ def try_patch(mesh: Halfedges, trial: Trial, drop: int, whole: bool) -> bool:
         if not link(mesh, growth, trial.filling, trial.exchange):
             continue
         copy_new(mesh, growth, region, trial.filling)
-        fewer = before - option[pattern.LEFT]
+        fewer = before - option[options.LEFT]
         limit = old + trial.level[0] * (trial.filling.counts[fill.QUADS] - elements)
         limit += WORTH * fewer if fewer > 0.5 else -GAIN
         margin = MARGIN * max(1.0, region.counts[VERTICES] / 100.0)
