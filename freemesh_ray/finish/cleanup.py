@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled, inner
+from envs.mdp.size_field import SizeField
 from envs.types import Floats, Ints
 from freemesh_ray.finish.changes import ARGUMENT, HALFEDGE, KIND, TOTAL, irregularity, list_options, make
 from freemesh_ray.finish.halfedges import LOGGED, NONE, PINNED, QUADS, SIGNATURE, VERTICES, Halfedges, commit, undo
-from freemesh_ray.finish.optimiser import cost
+from freemesh_ray.finish.optimiser import cost_of, descent
 from freemesh_ray.finish.patch import (
     Patch,
     copy,
@@ -178,14 +179,15 @@ def search_all(mesh: Halfedges, search: Search, level: float) -> None:
             break
 
 
-def clean_up(mesh: Halfedges) -> int:
+def clean_up(mesh: Halfedges, wanted: SizeField) -> int:
     """Clean a mesh up; the number of sequences that were kept.
 
     Args:
         mesh: valid; changed in place, and valid again.
+        wanted: edge lengths.
     """
     search = Search(
-        patch=patch_of(mesh),
+        patch=patch_of(mesh, wanted),
         stack=np.zeros((4, DEPTH), dtype=np.int64),
         options=np.zeros((DEPTH, WIDTH, 4)),
         hot=np.zeros(64, dtype=np.int64),
@@ -195,7 +197,7 @@ def clean_up(mesh: Halfedges) -> int:
         failed=np.zeros(len(mesh.xy), dtype=np.int64),
     )
     quads = mesh.quads[mesh.quads[:, 0] != NONE]
-    mean = cost(mesh.xy, quads, False, np.empty_like(mesh.xy), search.patch.descent.lanes) / len(quads)
+    mean = cost_of(mesh.xy, quads, descent(len(mesh.xy), wanted)) / len(quads)
     if math.isfinite(mean):
         search_all(mesh, search, LEVEL * mean)
     return int(search.kept[0])

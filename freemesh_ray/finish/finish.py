@@ -3,7 +3,8 @@
     move all vertices at once -> clean up -> move all vertices at once, twice
     -> fill patches anew -> move all vertices at once, twice -> the better of the two
 
-The boundary is never touched. What comes out is never worse than what was given: see :func:`finish`.
+Elements are held to the edge lengths that are wanted: see `optimiser`. The boundary is never touched. What comes out
+is never worse than what was given: see :func:`finish`.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from envs.mdp.size_field import SizeField
 from envs.mesh import Mesh
 from envs.quality import convex_quality
 from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
-from freemesh_ray.finish.optimiser import descend, descent
+from freemesh_ray.finish.optimiser import NO_SIZES, descend, descent
 from freemesh_ray.finish.refill import EFFORTS, USUAL, Effort, refill
 from freemesh_ray.meshes.metrics import irregular
 
@@ -47,7 +49,9 @@ class Finished:
     patches: int = 0
 
 
-def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True, effort: str = USUAL) -> Finished:
+def finish(
+    mesh: Mesh, wanted: SizeField = NO_SIZES, *, smooth: bool = True, clean: bool = True, effort: str = USUAL
+) -> Finished:
     """Improve a complete mesh.
 
     The mean of eta never falls, the least eta does not fall below what it was, or ``cleanup.FLOOR`` when it was
@@ -55,6 +59,7 @@ def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True, effort: str =
 
     Args:
         mesh: without defects.
+        wanted: edge lengths, which elements are held to; by default none are.
         smooth: move interior vertices.
         clean: change the connectivity where that makes elements better; interior vertices nearby move with it.
         effort: how much is tried to fill patches anew, a key of ``EFFORTS``; nothing without ``clean``.
@@ -64,43 +69,43 @@ def finish(mesh: Mesh, *, smooth: bool = True, clean: bool = True, effort: str =
     """
     if effort not in EFFORTS:
         raise ValueError(f"effort = {effort!r}: use one of {', '.join(EFFORTS)}")
-    best = cleaned(mesh, smooth, clean)
+    best = cleaned(mesh, wanted, smooth, clean)
     if not clean:
         return best
     given = best
     for ways in range(2 if EFFORTS[effort].both else 1):
-        other = refilled(given, EFFORTS[effort], ways, smooth)
+        other = refilled(given, wanted, EFFORTS[effort], ways, smooth)
         if other.patches and no_worse(mesh, other.mesh) and better(best.mesh, other.mesh):
             best = other
     return best
 
 
-def cleaned(mesh: Mesh, smooth: bool, clean: bool) -> Finished:
+def cleaned(mesh: Mesh, wanted: SizeField, smooth: bool, clean: bool) -> Finished:
     """A mesh cleaned up and smoothed; the mesh itself if that makes it worse."""
     work = build(mesh.vertices, mesh.quads, mesh.on_boundary)
     if smooth:
-        relax(work, False, FIRST_STEPS)
-    sequences = clean_up(work) if clean else 0
+        relax(work, wanted, False, FIRST_STEPS)
+    sequences = clean_up(work, wanted) if clean else 0
     if smooth:
-        relax(work, False, STEPS)
-        relax(work, True, SHARP_STEPS)
+        relax(work, wanted, False, STEPS)
+        relax(work, wanted, True, SHARP_STEPS)
     vertices, quads = compact(work, int(mesh.segments.max()) + 1)
     finished = replace(mesh, vertices=vertices, quads=quads)
     if no_worse(mesh, finished):
         return Finished(finished, sequences)
-    return cleaned(mesh, smooth, False) if smooth and clean else Finished(mesh, 0)
+    return cleaned(mesh, wanted, smooth, False) if smooth and clean else Finished(mesh, 0)
 
 
-def refilled(before: Finished, effort: Effort, ways: int, smooth: bool) -> Finished:
+def refilled(before: Finished, wanted: SizeField, effort: Effort, ways: int, smooth: bool) -> Finished:
     """A finished mesh with patches filled anew, and smoothed."""
     mesh = before.mesh
     work = build(mesh.vertices, mesh.quads, mesh.on_boundary, ROOM)
-    patches = refill(work, effort, ways)
+    patches = refill(work, wanted, effort, ways)
     if patches == 0:
         return before
     if smooth:
-        relax(work, False, STEPS)
-        relax(work, True, SHARP_STEPS)
+        relax(work, wanted, False, STEPS)
+        relax(work, wanted, True, SHARP_STEPS)
     vertices, quads = compact(work, int(mesh.segments.max()) + 1)
     return Finished(replace(mesh, vertices=vertices, quads=quads), before.sequences, patches)
 
@@ -125,14 +130,14 @@ def no_worse(before: Mesh, after: Mesh) -> bool:
     return fine and len(irregular(after)) <= len(irregular(before))
 
 
-def relax(work: Halfedges, sharp: bool, steps: int) -> None:
+def relax(work: Halfedges, wanted: SizeField, sharp: bool, steps: int) -> None:
     """Move all interior vertices at once, but for those around elements that would become too poor."""
     count, quads = work.counts[VERTICES], work.quads[: work.counts[QUADS]]
     quads = quads[quads[:, 0] != NONE]
     start = work.xy[:count].copy()
     limit = min(float(convex_quality(start, quads).min()), FLOOR)
     free = ~work.fixed[:count] & (work.degree[:count] > 0)
-    memory = descent(count)
+    memory = descent(count, wanted)
     for _ in range(HOLDS):
         order = np.argsort(~free, kind="stable")
         place = np.empty_like(order)

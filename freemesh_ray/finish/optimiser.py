@@ -9,8 +9,9 @@ P = 16, and 2 % for P = 64, the sharp stand-in:
 
 What is minimised is the sum over the elements of
 
-    1 - eta + WEIGHT gap^2 + STEEP gap^4        with gap = max(0, WEAK - eta)
+    1 - eta + WEIGHT gap^2 + STEEP gap^4 + SIZED (r + 1/r - 2)      with gap = max(0, WEAK - eta)
 
+where r is the element's area over h^2, h the edge length wanted at its centroid when the descent begins.
 Vertices move in units of the mean length of their edges, so that fine and coarse parts of a mesh are alike.
 Nocedal, Wright, Numerical Optimization, 2nd ed., algorithm 7.4; backtracking until the sum falls (Armijo).
 """
@@ -23,10 +24,13 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled, compiled_fused, inlined, inner_fused
+from envs.mdp.size_field import SizeField, size_at
 from envs.types import Floats, Ints
 
 #: An element counts as poor below this, and how much it does.
 WEAK, WEIGHT, STEEP = 0.8, 4.0, 30.0
+#: How much it counts that an element has not the size wanted, and the least r that this is told apart by.
+SIZED, SMALLEST = 0.1, 0.02
 #: Steps remembered.
 HISTORY = 5
 #: Share of the predicted fall that a step must bring.
@@ -38,10 +42,14 @@ HALVINGS = 6
 
 #: Elements that are worked out together, in vector registers.
 LANES = 64
-# Rows of the lanes: the corners' coordinates, each overwritten by the derivative by it; and the cost.
-_AX, _AY, _BX, _BY, _CX, _CY, _DX, _DY, _COST = range(9)
+# Rows of the lanes: the corners' coordinates, each overwritten by the derivative by it; the cost; 1 / h^2.
+_AX, _AY, _BX, _BY, _CX, _CY, _DX, _DY, _COST, _PER_AREA = range(10)
 
 _QUARTER = 0.25 * math.pi
+
+
+#: No edge length is wanted anywhere.
+NO_SIZES = SizeField(np.full(2, np.inf), np.zeros((2, 4)), np.inf, 0.0)
 
 
 class Descent(NamedTuple):
@@ -52,7 +60,9 @@ class Descent(NamedTuple):
         unit: (n,) float64, the mean length of the edges at each vertex.
         vectors: (4, 2 n) float64, gradient, new gradient, direction and start.
         steps, changes: (HISTORY, 2 n) float64, differences of positions and of gradients.
-        lanes: (9, LANES) float64.
+        lanes: (10, LANES) float64.
+        per_area: (2 n,) float64, 1 / h^2 of each element; 0 where no size is wanted.
+        wanted: where h comes from.
         sides: (n,) int64, how many lengths ``unit`` is the mean of.
         history: (2, HISTORY) float64, curvature of each step, and its share of the direction.
     """
@@ -63,19 +73,23 @@ class Descent(NamedTuple):
     steps: Floats
     changes: Floats
     lanes: Floats
+    per_area: Floats
+    wanted: SizeField
     sides: Ints
     history: Floats
 
 
-def descent(n: int) -> Descent:
-    """Room for n vertices."""
+def descent(n: int, wanted: SizeField) -> Descent:
+    """Room for n vertices, and twice as many elements."""
     return Descent(
         raw=np.empty((n, 2)),
         unit=np.empty(n),
         vectors=np.empty((4, 2 * n)),
         steps=np.empty((HISTORY, 2 * n)),
         changes=np.empty((HISTORY, 2 * n)),
-        lanes=np.empty((9, LANES)),
+        lanes=np.empty((10, LANES)),
+        per_area=np.empty(2 * n),
+        wanted=wanted,
         sides=np.empty(n, dtype=np.int64),
         history=np.empty((2, HISTORY)),
     )
@@ -149,6 +163,12 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         eta = math.sqrt(math.sqrt(2.0 * least2 * per_longest2) * low * per_high / root(soft, sharp))
         gap = max(0.0, WEAK - eta)
         value = 1.0 - eta + gap * gap * (WEIGHT + STEEP * gap * gap)
+        # The size: the area is half the product of the diagonals.
+        per_area = lanes[_PER_AREA, i]
+        over = max(SMALLEST, 0.5 * per_area * (px * ry - py * rx))
+        sized = SIZED if per_area > 0.0 else 0.0
+        value += sized * (over + 1.0 / over - 2.0)
+        push = 0.5 * sized * per_area * (1.0 - 1.0 / (over * over)) if over > SMALLEST else 0.0
         lanes[_COST, i] = value if least2 > 0.0 and low > 0.0 else math.inf
         slope = 0.5 * eta * (1.0 + gap * (2.0 * WEIGHT + 4.0 * STEEP * gap * gap))
         # The derivative by each squared length and angle, over twice its gradient's length.
@@ -166,7 +186,7 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         bcx, bcy = bc * bcx - bc_turn * bcy, bc * bcy + bc_turn * bcx
         cdx, cdy = cd * cdx - cd_turn * cdy, cd * cdy + cd_turn * cdx
         dax, day = da * dax - da_turn * day, da * day + da_turn * dax
-        px, py, rx, ry = p * px, p * py, r * rx, r * ry
+        px, py, rx, ry = p * px + push * ry, p * py - push * rx, r * rx - push * py, r * ry + push * px
         lanes[_AX, i], lanes[_AY, i] = dax - abx - px, day - aby - py
         lanes[_BX, i], lanes[_BY, i] = abx - bcx - rx, aby - bcy - ry
         lanes[_CX, i], lanes[_CY, i] = bcx - cdx + px, bcy - cdy + py
@@ -174,15 +194,34 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
 
 
 @compiled
-def cost(xy: Floats, quads: Ints, sharp: bool, gradient: Floats, lanes: Floats) -> float:
+def read_sizes(xy: Floats, quads: Ints, wanted: SizeField, per_area: Floats) -> None:
+    """Overwrite ``per_area``, (m,) float64, with 1 / h^2 at the elements' centroids."""
+    for q in range(len(quads)):
+        x = y = 0.0
+        for corner in range(4):
+            x, y = x + 0.25 * xy[quads[q, corner], 0], y + 0.25 * xy[quads[q, corner], 1]
+        h = size_at(wanted.key, wanted.box, wanted.most, wanted.gradient, x, y)
+        per_area[q] = 1.0 / (h * h)
+
+
+@compiled
+def cost_of(xy: Floats, quads: Ints, memory: Descent) -> float:
+    """The sum that is minimised, of elements where they are; see `descend`."""
+    read_sizes(xy, quads, memory.wanted, memory.per_area)
+    return cost(xy, quads, memory.per_area[: len(quads)], False, memory.raw[: len(xy)], memory.lanes)
+
+
+@compiled
+def cost(xy: Floats, quads: Ints, per_area: Floats, sharp: bool, gradient: Floats, lanes: Floats) -> float:
     """The sum that is minimised, and its gradient by every vertex.
 
     Args:
         xy: (n, 2) float64.
         quads: (m, 4) int64.
+        per_area: (m,) float64, see `Descent`.
         sharp: whether P is 64 rather than 16.
         gradient: (n, 2) float64, overwritten.
-        lanes: (9, LANES) float64, working memory.
+        lanes: (10, LANES) float64, working memory.
     """
     gradient[:] = 0.0
     total = 0.0
@@ -192,10 +231,12 @@ def cost(xy: Floats, quads: Ints, sharp: bool, gradient: Floats, lanes: Floats) 
             for corner in range(4):
                 v = quads[start + i, corner]
                 lanes[2 * corner, i], lanes[2 * corner + 1, i] = xy[v, 0], xy[v, 1]
+            lanes[_PER_AREA, i] = per_area[start + i]
         full = (n + 7) & ~7
         for i in range(n, full):
             for row in range(8):
                 lanes[row, i] = lanes[row, n - 1]
+            lanes[_PER_AREA, i] = 0.0
         _work_out(lanes, full, sharp)
         for i in range(n):
             total += lanes[_COST, i]
@@ -259,14 +300,16 @@ def descend(
         sharp: whether the means are of order 64 rather than 16: closer to eta, and harder to descend.
         iterations: at most.
         least_fall: the descent ends when a step lowers the cost by less than this share.
-        memory: with room for n vertices.
+        memory: with room for n vertices; where h comes from.
     """
     raw, unit = memory.raw[: len(xy)], memory.unit[: len(xy)]
     gradient, new_gradient = memory.vectors[0, : 2 * free], memory.vectors[1, : 2 * free]
     direction, start = memory.vectors[2, : 2 * free], memory.vectors[3, : 2 * free]
     curvature, share = memory.history[0], memory.history[1]
     known = newest = 0
-    value = cost(xy, quads, sharp, raw, memory.lanes)
+    per_area = memory.per_area[: len(quads)]
+    read_sizes(xy, quads, memory.wanted, per_area)
+    value = cost(xy, quads, per_area, sharp, raw, memory.lanes)
     if free == 0 or value == math.inf:
         return value
     measure(xy, quads, unit, memory.sides[: len(xy)])
@@ -304,7 +347,7 @@ def descend(
             for v in range(free):
                 xy[v, 0] = start[2 * v] - length * unit[v] * direction[2 * v]
                 xy[v, 1] = start[2 * v + 1] - length * unit[v] * direction[2 * v + 1]
-            new_value = cost(xy, quads, sharp, raw, memory.lanes)
+            new_value = cost(xy, quads, per_area, sharp, raw, memory.lanes)
             if new_value <= value - ARMIJO * length * fall:
                 break
             length *= 0.5

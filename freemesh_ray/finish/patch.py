@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import inlined, inner
+from envs.mdp.size_field import SizeField
 from envs.quality import eta_or_bent
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, after, around, before, origin
-from freemesh_ray.finish.optimiser import Descent, cost, descend, descent
+from freemesh_ray.finish.optimiser import Descent, cost_of, descend, descent
 
 RINGS = 3
 #: Vertices that may move, and elements, at most; further ones belong to the rim, or outside.
@@ -180,7 +181,7 @@ def spread(patch: Patch) -> None:
 def price(patch: Patch) -> float:
     """The cost of the elements of the copy."""
     n, m = patch.counts[_VERTICES], patch.counts[_QUADS]
-    return cost(patch.xy[:n], patch.quads[:m], False, patch.descent.raw[:n], patch.descent.lanes)
+    return cost_of(patch.xy[:n], patch.quads[:m], patch.descent)
 
 
 @inner
@@ -216,8 +217,8 @@ def write_back(mesh: Halfedges, patch: Patch) -> None:
         mesh.xy[v, 0], mesh.xy[v, 1] = patch.xy[i, 0], patch.xy[i, 1]
 
 
-def patch_of(mesh: Halfedges) -> Patch:
-    """Room for any patch of this mesh."""
+def patch_of(mesh: Halfedges, wanted: SizeField) -> Patch:
+    """Room for any patch of this mesh, for which such sizes are wanted."""
     n, m = len(mesh.xy), len(mesh.quads)
     most = 4 * (ELEMENTS + ADDED)
     return Patch(
@@ -231,6 +232,6 @@ def patch_of(mesh: Halfedges) -> Patch:
         xy=np.zeros((most, 2)),
         quads=np.zeros((ELEMENTS + ADDED, 4), dtype=np.int64),
         total=np.zeros((most, 3)),
-        descent=descent(most),
+        descent=descent(most, wanted),
         counts=np.zeros(7, dtype=np.int64),
     )

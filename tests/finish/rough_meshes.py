@@ -8,6 +8,7 @@ from envs.mesh import Mesh, edges_of
 from envs.types import Floats, Ints
 from freemesh_ray.finish.changes import COLLAPSE, SPLIT, SWAP, collapse_cost, make, split_cost, swap_cost
 from freemesh_ray.finish.halfedges import LOGGED, NONE, QUADS, VERTICES, Halfedges, build, commit, compact, undo
+from freemesh_ray.finish.optimiser import NO_SIZES
 from freemesh_ray.finish.patch import Patch, copy, patch_of, rate, settle, spread, surround, write_back
 
 #: Cells of a plain square, a ring, an L, two cells that touch in a corner with a bridge around, and a single cell.
@@ -93,7 +94,7 @@ def rough(shape: str, seed: int, changes: int = 12) -> Mesh:
 def roughened(mesh: Mesh, seed: int, changes: int = 12) -> Mesh:
     """A mesh, its boundary's vertices first, in which random changes were made wherever all elements stayed convex."""
     work, rng = halfedges(mesh), np.random.default_rng(seed)
-    patch = patch_of(work)
+    patch = patch_of(work, NO_SIZES)
     for _ in range(changes):
         commit(work)
         before = int(work.counts[VERTICES]), int(work.counts[QUADS])

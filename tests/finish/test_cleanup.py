@@ -14,6 +14,7 @@ from envs.quality import element_quality
 from freemesh_ray.finish.changes import irregularity
 from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.halfedges import LOGGED, VERTICES, Halfedges, compact
+from freemesh_ray.finish.optimiser import NO_SIZES
 from freemesh_ray.finish.patch import ELEMENTS, copy, patch_of, size, surround
 
 pytestmark = pytest.mark.slow
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 def cleaned(mesh: Mesh) -> tuple[Mesh, Halfedges, int]:
     work = halfedges(mesh)
-    kept = clean_up(work)
+    kept = clean_up(work, NO_SIZES)
     vertices, quads = compact(work, int(mesh.segments.max()) + 1)
     return replace(mesh, vertices=vertices, quads=quads), work, kept
 
@@ -93,7 +94,7 @@ def test_vertices_with_many_elements_do_no_harm(elements: int) -> None:
 def test_a_patch_is_all_elements_around_its_vertices(shape: str) -> None:
     mesh = rough(shape, 1)
     work = halfedges(mesh)
-    patch = patch_of(work)
+    patch = patch_of(work, NO_SIZES)
     for seed in range(len(mesh.vertices)):
         surround(work, patch, seed)
         copy(work, patch, len(mesh.vertices), len(mesh.quads))

@@ -21,6 +21,7 @@ from freemesh_ray.finish.halfedges import (
     swap,
     undo,
 )
+from freemesh_ray.finish.optimiser import NO_SIZES
 from freemesh_ray.finish.patch import patch_of
 
 
@@ -95,7 +96,7 @@ def test_boundaries_that_meet_in_a_vertex_and_very_many_elements_pin_it() -> Non
 @pytest.mark.parametrize("seed", range(6))
 def test_changes_keep_a_mesh_and_undo_takes_them_back(shape: str, seed: int) -> None:
     work, rng = halfedges(rough(shape, seed)), np.random.default_rng(seed)
-    patch, made = patch_of(work), 0
+    patch, made = patch_of(work, NO_SIZES), 0
     characteristic = euler(work)
     for _ in range(6):
         commit(work)
@@ -135,7 +136,7 @@ def test_the_same_changes_in_another_order_have_the_same_signature() -> None:
 def test_compact_drops_what_is_dead_and_keeps_the_given_vertices() -> None:
     mesh = rough("ring", 3, changes=30)
     work, rng = halfedges(mesh), np.random.default_rng(3)
-    patch = patch_of(work)
+    patch = patch_of(work, NO_SIZES)
     for _ in range(10):
         change(work, patch, rng)
     kept = int(mesh.segments.max()) + 1

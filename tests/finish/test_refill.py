@@ -20,8 +20,9 @@ from freemesh_ray.finish import EFFORTS, finish
 from freemesh_ray.finish.cleanup import FLOOR
 from freemesh_ray.finish.finish import LOST, better
 from freemesh_ray.finish.halfedges import NONE, Halfedges, compact
+from freemesh_ray.finish.optimiser import NO_SIZES
 from freemesh_ray.finish.refill import Effort, refill
-from freemesh_ray.finish.refill.annulus import rings
+from freemesh_ray.finish.refill.annulus import outside, rings
 from freemesh_ray.finish.refill.filling import (
     CORNER_COUNT,
     CORNERED,
@@ -311,7 +312,7 @@ def test_patches_grow_as_discs_with_few_reflex_corners(shape: str, seed: int) ->
 
 def refilled(mesh: Mesh, effort: Effort, ways: int = 0) -> tuple[Mesh, Halfedges, int]:
     work = halfedges(mesh)
-    count = refill(work, effort, ways)
+    count = refill(work, NO_SIZES, effort, ways)
     vertices, quads = compact(work, int(mesh.segments.max()) + 1)
     return replace(mesh, vertices=vertices, quads=quads), work, count
 
@@ -413,6 +414,14 @@ def test_rows_around_a_hole(quarter: int, corners: int, outside: int, inside: in
     edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     counts = np.unique(edges, axis=0, return_counts=True)[1]
     assert ((counts == 1).sum(), counts.max()) == (n + m, 2)
+
+
+@pytest.mark.parametrize("elements", [0, 60, 200, 10_000])
+def test_rows_outside_end_where_there_is_no_room(elements: int) -> None:
+    filling = annulus(60, 4, 5)
+    rows = outside(filling, 10, elements)
+    assert filling.counts[QUADS] <= elements
+    assert rows == (5 if elements >= 260 else -1)
 
 
 @pytest.mark.parametrize(("n", "rows"), [(24, 4), (80, 9)])

@@ -27,7 +27,7 @@ from freemesh_ray.finish.refill.filling import (
 )
 from freemesh_ray.finish.refill.growth import LOOP, OUTER, SIZE, WORK, Growth
 from freemesh_ray.finish.refill.options import RINGS, in_order, keep
-from freemesh_ray.finish.refill.patterns import FEWEST, MOST_ELEMENTS, ROWS, ROWS_OF_DOMAIN, Patterns
+from freemesh_ray.finish.refill.patterns import FEWEST, MOST_ELEMENTS, MOST_OF_DOMAIN, ROWS, ROWS_OF_DOMAIN, Patterns
 
 #: Options that are kept.
 KEPT = 4
@@ -103,13 +103,21 @@ def opposite(filling: Filling) -> int:
 
 
 @inner
-def _outside(filling: Filling, most: int) -> int:
-    """Lay rows along the loop, so many at most, until it is as long as the hole's; how many, -1 if it never is."""
+def outside(filling: Filling, most: int, elements: float) -> int:
+    """Lay rows along the loop, so many at most, until it is as long as the hole's; how many, -1 if it never is.
+
+    Args:
+        filling: begun.
+        most: rows.
+        elements: that the filling may have.
+    """
     h = edge_length(filling, filling.loop, filling.counts[LENGTH])
     for rows in range(most + 1):
         if filling.counts[LENGTH] == filling.counts[HOLE]:
             return rows
         if filling.counts[LENGTH] < filling.counts[HOLE] or filling.counts[CORNER_COUNT] == 0 or not rows_fit(filling):
+            break
+        if filling.counts[QUADS] + filling.counts[LENGTH] > elements:
             break
         row(filling, h)
     return -1
@@ -132,18 +140,18 @@ def list_rings(mesh: Halfedges, growth: Growth, filling: Filling, patterns: Patt
             left += 1.0 + patterns.more[filling.corners[k]]
     wanted = _enclosed(filling)
     wanted /= edge_length(filling, filling.loop, n) * edge_length(filling, filling.hole, m)
-    outside = _outside(filling, n // ROWS_OF_DOMAIN if whole else ROWS)
-    if outside < 0 or left > most:
-        return 0
-    offset, made, count = opposite(filling), filling.counts[QUADS], 0
     low, high = FEWEST[1 if whole else 0] * size - 2.0, MOST_ELEMENTS[1 if whole else 0] * size + 2.0
     if whole:
-        high = max(high, MOST_ELEMENTS[1] * wanted)
+        high = max(high, min(MOST_OF_DOMAIN * size, MOST_ELEMENTS[1] * wanted))
+    rows = outside(filling, n // ROWS_OF_DOMAIN if whole else ROWS, high)
+    if rows < 0 or left > most:
+        return 0
+    offset, made, count = opposite(filling), filling.counts[QUADS], 0
     best = max(0, round((wanted - made) / m) - 1)
     for inside in range(max(0, best - 1), best + 2):
         elements = made + m * (inside + 1)
         if low <= elements <= high:
             prior = abs(math.log(elements / wanted))
-            numbers = (outside, inside, offset, 0)
+            numbers = (rows, inside, offset, 0)
             count = keep(patterns.options, 0, count, KEPT, left, prior, RINGS, elements, numbers)
     return in_order(patterns.options, count)

@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import compiled, inner
+from envs.mdp.size_field import SizeField
 from freemesh_ray.finish.cleanup import LEVEL
 from freemesh_ray.finish.halfedges import NONE, PINNED, QUADS, VERTICES, Halfedges
-from freemesh_ray.finish.optimiser import cost
+from freemesh_ray.finish.optimiser import cost_of, descent
 from freemesh_ray.finish.refill.filling import CORNER
 from freemesh_ray.finish.refill.growth import (
     LOOP,
@@ -217,22 +218,22 @@ def fill_patches(mesh: Halfedges, trial: Trial, work: int, limit: int, whole: in
     clear(mesh, trial)
 
 
-def refill(mesh: Halfedges, effort: Effort, ways: int = 0) -> int:
+def refill(mesh: Halfedges, wanted: SizeField, effort: Effort, ways: int = 0) -> int:
     """Fill patches of a mesh anew; how many were.
 
     Args:
         mesh: valid, with room for more elements; changed in place, and valid again.
+        wanted: edge lengths.
         effort: one of ``EFFORTS``.
         ways: the order of the ways to grow: 0 large patches first, 1 small ones.
     """
     alive = mesh.quads[mesh.quads[:, 0] != NONE]
     whole = len(alive) if len(alive) <= effort.whole else 0
-    raw, lanes = np.empty_like(mesh.xy), np.empty((9, 64))
-    mean = cost(mesh.xy, alive, False, raw, lanes) / len(alive)
+    mean = cost_of(mesh.xy, alive, descent(len(mesh.xy), wanted)) / len(alive)
     limit, work = min(effort.limit, len(alive)), min(effort.work, effort.share * len(alive))
     rim = int(np.count_nonzero(mesh.opp[: 4 * mesh.counts[QUADS]] == NONE))
     # A patch has up to twice as many vertices around it as elements, and MOST_ELEMENTS allows some more than before.
-    trial = trial_of(mesh, 64 + max(4 * limit, 2 * whole + rim), LEVEL * mean)
+    trial = trial_of(mesh, wanted, 64 + max(4 * limit, 2 * whole + rim), LEVEL * mean)
     if math.isfinite(mean):
         fill_patches(mesh, trial, work, limit, whole, ways)
     return int(trial.state[EXCHANGED])

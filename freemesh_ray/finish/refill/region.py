@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import inlined, inner
+from envs.mdp.size_field import SizeField
 from envs.quality import eta_or_bent
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import Halfedges, around
-from freemesh_ray.finish.optimiser import Descent, cost, descend, descent
+from freemesh_ray.finish.optimiser import Descent, cost_of, descend, descent
 from freemesh_ray.finish.refill import filling as fill
 from freemesh_ray.finish.refill.filling import Filling
 from freemesh_ray.finish.refill.growth import LOOP, SIZE, WORK, Growth
@@ -58,8 +59,8 @@ class Region(NamedTuple):
     counts: Ints
 
 
-def region_of(mesh: Halfedges, filling: Filling) -> Region:
-    """Room for any patch of a mesh."""
+def region_of(mesh: Halfedges, filling: Filling, wanted: SizeField) -> Region:
+    """Room for any patch of a mesh, for which such sizes are wanted."""
     n, m = len(mesh.xy), len(mesh.quads)
     most, new = m + len(filling.quads), n + len(filling.xy)
 
@@ -69,7 +70,7 @@ def region_of(mesh: Halfedges, filling: Filling) -> Region:
     return Region(
         ring=ints(m), stamp=ints(m), uses=ints(n), uses_stamp=ints(n), local=ints(n), local_stamp=ints(n),
         vertices=ints(new), xy=np.zeros((new, 2)), quads=np.zeros((most, 4), dtype=np.int64),
-        place=ints(len(filling.xy)), descent=descent(new), counts=ints(6),
+        place=ints(len(filling.xy)), descent=descent(new, wanted), counts=ints(6),
     )  # fmt: skip
 
 
@@ -162,7 +163,7 @@ def price(growth: Growth, region: Region) -> float:
     """The cost of the region's elements."""
     n, m = region.counts[VERTICES], region.counts[QUADS]
     growth.counts[WORK] += m
-    return cost(region.xy[:n], region.quads[:m], False, region.descent.raw[:n], region.descent.lanes)
+    return cost_of(region.xy[:n], region.quads[:m], region.descent)
 
 
 @inner

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels.compiled import inlined, inner
+from envs.mdp.size_field import SizeField
 from envs.types import Floats, Ints
 from freemesh_ray.finish.cleanup import FLOOR
 from freemesh_ray.finish.halfedges import Halfedges
-from freemesh_ray.finish.optimiser import cost
+from freemesh_ray.finish.optimiser import cost_of
 from freemesh_ray.finish.refill import filling as fill
 from freemesh_ray.finish.refill import options
 from freemesh_ray.finish.refill.annulus import list_rings, rings
@@ -62,7 +63,7 @@ RANKED = 0.2
 #: What an element costs more in a whole domain that has e times as many.
 FINER = 0.03
 #: What the cost may rise by for each irregular vertex less, and must fall by when there is none less.
-WORTH, GAIN = 0.05, 0.15
+WORTH, GAIN = 0.2, 0.15
 #: Patches on trial that are remembered, at most.
 SEEN = 1 << 16
 #: A patch is tried again when it has grown by this, or has more irregular vertices inside.
@@ -99,12 +100,12 @@ class Trial(NamedTuple):
 IRREGULAR, TRIED_SIZE, EXCHANGED, TRIED = range(4)
 
 
-def trial_of(mesh: Halfedges, elements: int, level: float) -> Trial:
-    """Room for fillings of so many elements."""
+def trial_of(mesh: Halfedges, wanted: SizeField, elements: int, level: float) -> Trial:
+    """Room for fillings of so many elements, for which such sizes are wanted."""
     filling = filling_of(elements)
     return Trial(
         growth=growth_of(mesh), filling=filling, patterns=patterns_of(elements),
-        placement=placement_of(filling), region=region_of(mesh, filling), exchange=exchange_of(mesh, filling),
+        placement=placement_of(filling), region=region_of(mesh, filling, wanted), exchange=exchange_of(mesh, filling),
         ranked=np.zeros((max(PLACED), 2)), seen=np.zeros(SEEN, dtype=np.int64), state=np.zeros(4, dtype=np.int64),
         level=np.array([level]),
     )  # fmt: skip
@@ -167,10 +168,10 @@ def build(mesh: Halfedges, trial: Trial, option: Floats, steps: int) -> None:
 @inlined
 def filling_cost(trial: Trial) -> float:
     """The cost of the filling as it is placed."""
-    filling, memory = trial.filling, trial.region.descent
+    filling = trial.filling
     n, m = filling.counts[fill.VERTICES], filling.counts[fill.QUADS]
     trial.growth.counts[WORK] += m
-    return cost(filling.xy[:n], filling.quads[:m], False, memory.raw[:n], memory.lanes)
+    return cost_of(filling.xy[:n], filling.quads[:m], trial.region.descent)
 
 
 @inlined
