@@ -9,9 +9,10 @@ P = 16, and 2 % for P = 64, the sharp stand-in:
 
 What is minimised is the sum over the elements of
 
-    1 - eta + WEIGHT gap^2 + STEEP gap^4 + SIZED (r + 1/r - 2)      with gap = max(0, WEAK - eta)
+    1 - eta + WEIGHT gap^2 + STEEP gap^4 + SIZED f^2 / (f + NEAR)      with gap = max(0, WEAK - eta)
 
-where r is the element's area over h^2, h the edge length wanted at its centroid when the descent begins.
+where f = r + 1/r - 2, r is the element's area over h^2, and h the edge length wanted at its centroid when the descent
+begins: little while edges are within a quarter of h, where f is NEAR, and as f beyond.
 Vertices move in units of the mean length of their edges, so that fine and coarse parts of a mesh are alike.
 Nocedal, Wright, Numerical Optimization, 2nd ed., algorithm 7.4; backtracking until the sum falls (Armijo).
 """
@@ -23,14 +24,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, compiled_fused, inlined, inner_fused
+from envs.kernels.compiled import compiled_fused, inlined, inner, inner_fused
 from envs.mdp.size_field import SizeField, size_at
 from envs.types import Floats, Ints
 
 #: An element counts as poor below this, and how much it does.
 WEAK, WEIGHT, STEEP = 0.8, 4.0, 30.0
-#: How much it counts that an element has not the size wanted, and the least r that this is told apart by.
-SIZED, SMALLEST = 0.1, 0.02
+#: How much it counts that an element has not the size wanted; what f is that counts half; the least r told apart.
+SIZED, NEAR, SMALLEST = 0.1, 0.2, 0.02
 #: Steps remembered.
 HISTORY = 5
 #: Share of the predicted fall that a step must bring.
@@ -167,8 +168,11 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         per_area = lanes[_PER_AREA, i]
         over = max(SMALLEST, 0.5 * per_area * (px * ry - py * rx))
         sized = SIZED if per_area > 0.0 else 0.0
-        value += sized * (over + 1.0 / over - 2.0)
-        push = 0.5 * sized * per_area * (1.0 - 1.0 / (over * over)) if over > SMALLEST else 0.0
+        off = over + 1.0 / over - 2.0
+        near = 1.0 / (off + NEAR)
+        value += sized * off * off * near
+        push = sized * off * (off + 2.0 * NEAR) * near * near if over > SMALLEST else 0.0
+        push *= 0.5 * per_area * (1.0 - 1.0 / (over * over))
         lanes[_COST, i] = value if least2 > 0.0 and low > 0.0 else math.inf
         slope = 0.5 * eta * (1.0 + gap * (2.0 * WEIGHT + 4.0 * STEEP * gap * gap))
         # The derivative by each squared length and angle, over twice its gradient's length.
@@ -193,7 +197,7 @@ def _work_out(lanes: Floats, n: int, sharp: bool) -> None:
         lanes[_DX, i], lanes[_DY, i] = cdx - dax + rx, cdy - day + ry
 
 
-@compiled
+@inner
 def read_sizes(xy: Floats, quads: Ints, wanted: SizeField, per_area: Floats) -> None:
     """Overwrite ``per_area``, (m,) float64, with 1 / h^2 at the elements' centroids."""
     for q in range(len(quads)):
@@ -204,14 +208,14 @@ def read_sizes(xy: Floats, quads: Ints, wanted: SizeField, per_area: Floats) -> 
         per_area[q] = 1.0 / (h * h)
 
 
-@compiled
+@inner
 def cost_of(xy: Floats, quads: Ints, memory: Descent) -> float:
     """The sum that is minimised, of elements where they are; see `descend`."""
     read_sizes(xy, quads, memory.wanted, memory.per_area)
     return cost(xy, quads, memory.per_area[: len(quads)], False, memory.raw[: len(xy)], memory.lanes)
 
 
-@compiled
+@inner
 def cost(xy: Floats, quads: Ints, per_area: Floats, sharp: bool, gradient: Floats, lanes: Floats) -> float:
     """The sum that is minimised, and its gradient by every vertex.
 

@@ -7,7 +7,6 @@ Every domain is completed: what the policy cannot mesh in ``ATTEMPTS`` attempts,
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,15 +15,14 @@ import numpy as np
 
 from envs.errors import FAILED, UserError
 from envs.filling.convex_fill import FillError, fill
-from envs.mdp.size_field import SizeField, elements_wanted, size_field, sizes_at
+from envs.mdp.size_field import elements_wanted, size_field
 from envs.mesh import Mesh
 from envs.polygons.mesh_size import check_elements, expected_in_domain
 from envs.quality import element_quality
 from envs.types import NO_WISHES, Domain, WantedSizes
-from freemesh_ray.finish import USUAL, finish
+from freemesh_ray.finish import NO_SIZES, USUAL, finish
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.warm_up import warm_up
-from freemesh_ray.meshes.sizes import elements_over_wanted
 from freemesh_ray.policies.policy import Policy, PolicyError
 from freemesh_ray.storage import free_memory
 
@@ -158,26 +156,14 @@ def mesh_once(
     sources = dict(grown.sources) | {"filled": len(raw.quads) - len(grown.mesh.quads)}
     finished, sequences, patches = raw, 0, 0
     if smooth or clean:
-        wanted = sizes_of(policy, domain, raw, sizes)
+        sized = policy.parameters.sized  # another policy makes elements of sizes of its own
+        wanted = size_field(domain, policy.parameters.size_gradient, sizes=sizes) if sized else NO_SIZES
         result = finish(raw, wanted, smooth=smooth, clean=clean, effort=effort)
         finished, sequences, patches = validated(result.mesh, domain), result.sequences, result.patches
     seconds = time.perf_counter() - began
     return MeshResult(
         raw, finished, seconds_raw, seconds, attempts, sources, grown.backtracks, sequences, patches, domain.deviation
     )
-
-
-def sizes_of(policy: Policy, domain: Domain, raw: Mesh, sizes: WantedSizes) -> SizeField:
-    """The edge lengths that a finished mesh is held to.
-
-    Those of the domain's field; of a policy that does not know these, in that field's proportions as many elements as
-    it made.
-    """
-    field = size_field(domain, policy.parameters.size_gradient, sizes=sizes)
-    if policy.parameters.sized:
-        return field
-    share = 1.0 / math.sqrt(elements_over_wanted(raw, lambda places: sizes_at(field, places)))
-    return SizeField(share * field.key, field.box, share * field.most, share * field.gradient)
 
 
 def exploration(search: bool, number: int) -> float:

@@ -130,7 +130,7 @@ def test_each_kernel_that_a_mesh_needs_has_one_signature(installed: Installed) -
     [figures] = [done.figures for done in installed.first if done.figures["compiled"]]
     assert {name for name, count in figures["signatures"].items() if count} == set(figures["needed"])
     assert set(figures["signatures"].values()) == {0, 1}
-    assert len(figures["needed"]) <= 250, "whoever adds kernels adds to the time before the first mesh"
+    assert len(figures["needed"]) <= 260, "whoever adds kernels adds to the time before the first mesh"
 
 
 @pytest.mark.slow
