@@ -23,7 +23,7 @@ from freemesh_ray.finish.refill import EFFORTS, USUAL, Effort, refill
 from freemesh_ray.meshes.metrics import irregular
 
 #: Steps of all vertices at once: before the clean-up; after it; and then with the sharp stand-in.
-FIRST_STEPS, STEPS, SHARP_STEPS = 30, 60, 60
+FIRST_STEPS, STEPS, SHARP_STEPS = 30, 120, 60
 #: A descent ends when a step lowers the cost by less than this share.
 LEAST_FALL = 2e-5
 #: What filling patches anew may cost in mean eta, its 5th percentile and its least value, besides what the mean gains.
