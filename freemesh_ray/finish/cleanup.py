@@ -18,7 +18,7 @@ from envs.mdp.size_field import SizeField
 from envs.types import Floats, Ints
 from freemesh_ray.finish.changes import ARGUMENT, HALFEDGE, KIND, TOTAL, irregularity, list_options, make
 from freemesh_ray.finish.halfedges import LOGGED, NONE, PINNED, QUADS, SIGNATURE, VERTICES, Halfedges, commit, undo
-from freemesh_ray.finish.optimiser import cost_of, descent
+from freemesh_ray.finish.optimiser import mean_cost
 from freemesh_ray.finish.patch import (
     Patch,
     copy,
@@ -197,7 +197,7 @@ def clean_up(mesh: Halfedges, wanted: SizeField) -> int:
         failed=np.zeros(len(mesh.xy), dtype=np.int64),
     )
     quads = mesh.quads[mesh.quads[:, 0] != NONE]
-    mean = cost_of(mesh.xy, quads, descent(len(mesh.xy), wanted)) / len(quads)
+    mean = mean_cost(mesh.xy, quads, wanted)
     if math.isfinite(mean):
         search_all(mesh, search, LEVEL * mean)
     return int(search.kept[0])

@@ -375,3 +375,8 @@ def descend(
         if settled:
             break
     return value
+
+
+def mean_cost(xy: Floats, quads: Ints, wanted: SizeField) -> float:
+    """The mean of what is minimised over elements where they are; infinite where one is inverted."""
+    return float(descend(xy, quads, 0, False, 0, 0.0, descent(len(xy), wanted))) / len(quads)

@@ -18,7 +18,7 @@ from envs.kernels.compiled import compiled, inner
 from envs.mdp.size_field import SizeField
 from freemesh_ray.finish.cleanup import LEVEL
 from freemesh_ray.finish.halfedges import NONE, PINNED, QUADS, VERTICES, Halfedges
-from freemesh_ray.finish.optimiser import cost_of, descent
+from freemesh_ray.finish.optimiser import mean_cost
 from freemesh_ray.finish.refill.filling import CORNER
 from freemesh_ray.finish.refill.growth import (
     LOOP,
@@ -229,7 +229,7 @@ def refill(mesh: Halfedges, wanted: SizeField, effort: Effort, ways: int = 0) ->
     """
     alive = mesh.quads[mesh.quads[:, 0] != NONE]
     whole = len(alive) if len(alive) <= effort.whole else 0
-    mean = cost_of(mesh.xy, alive, descent(len(mesh.xy), wanted)) / len(alive)
+    mean = mean_cost(mesh.xy, alive, wanted)
     limit, work = min(effort.limit, len(alive)), min(effort.work, effort.share * len(alive))
     rim = int(np.count_nonzero(mesh.opp[: 4 * mesh.counts[QUADS]] == NONE))
     # A patch has up to twice as many vertices around it as elements, and MOST_ELEMENTS allows some more than before.
