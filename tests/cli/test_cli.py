@@ -185,7 +185,7 @@ def test_sizes_inside_are_kept_to_or_refused(tmp_path: Path, capsys: pytest.Capt
     layer = np.zeros((observation_size(parameters), 6), dtype=np.float32), np.array([0, 0, 0, -9, -9, -9], np.float32)
     Policy([layer], parameters).save(tmp_path / "sizes.npz")
     path, counts = polygon([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]]), []
-    line = ["mesh", path, "--edge-length", "0.1", "-o", "a.obj"]
+    line = ["mesh", path, "--edge-length", "0.1", "--effort", "quick", "-o", "a.obj"]
     for largest in ("0.1", "0.4"):
         assert cli.main([*line, "--max-size", largest, "--policy", str(tmp_path / "sizes.npz")]) == 0
         counts.append(int(capsys.readouterr().out.split()[1]))
