@@ -187,6 +187,6 @@ def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path])
     lines = [line]
     if made.deviation > 0.0:
         lines.append(f"outline: split, and off the given one by {made.deviation:.3g} at most")
-    if helped:
+    if helped and len(mesh.quads) > 1:  # an outline of four points is an element
         lines.append(f"recovery: {', '.join(helped)}")
     return f"\n{' ' * len(mesh.name)}  ".join(lines)

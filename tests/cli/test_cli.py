@@ -171,6 +171,14 @@ def test_the_shipped_policy_meshes_a_bare_outline(capsys: pytest.CaptureFixture[
     assert re.search(r", \d+ irregular nodes \(least 0\) -> a.inp, a.html, a.png$", capsys.readouterr().out.strip())
 
 
+def test_an_outline_of_four_points_needs_no_recovery(capsys: pytest.CaptureFixture[str]) -> None:
+    path = polygon([[0, 0], [1, 0], [1, 1], [0, 1]])
+    assert cli.main(["mesh", path, "-o", "o.obj"]) == 0
+    out = capsys.readouterr().out
+    assert ": 1 quad in " in out
+    assert "recovery" not in out
+
+
 def test_a_coarse_outline_is_told_what_helps(capsys: pytest.CaptureFixture[str]) -> None:
     path = polygon([[0, 0], [40, 0], [40, 10], [30, 10], [30, 25], [0, 25]])
     assert cli.main(["mesh", path, "-o", "o.obj"]) == 0
