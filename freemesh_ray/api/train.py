@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from freemesh_ray.config import Overlay, load
+from freemesh_ray.config import ConfigError, Overlay, load
 from freemesh_ray.config.paths import Paths
 from freemesh_ray.config.runners import runner_count
 from freemesh_ray.local_ray import Session, environment, local_ray
@@ -38,6 +38,10 @@ def train(
         TrainingError: it failed again and again.
         KeyboardInterrupt: Ctrl-C; ``resume`` goes on.
     """
+    several = [settings] if isinstance(settings, str | os.PathLike | Mapping) else settings
+    for each in several if isinstance(several, Sequence) else [several]:
+        if not isinstance(each, str | os.PathLike | Mapping):
+            raise ConfigError(f"settings: {each!r}: give a mapping, a YAML file, or a list of these")
     environment()
     over = threading.Event()
 

@@ -85,6 +85,12 @@ def test_a_training_is_silent_and_leaves_a_run(home: Path, capfd: pytest.Capture
         freemesh_ray.train({"learner": {"gama": 1}})
 
 
+@pytest.mark.parametrize("settings", [5, [1, 2], [{"seed": 1}, None], None])
+def test_settings_that_are_none_are_one_line(settings: Any) -> None:
+    with pytest.raises(ConfigError, match=r"^settings: .*: give a mapping, a YAML file, or a list of these$"):
+        freemesh_ray.train(settings)
+
+
 def test_files_are_settings_too_and_the_ready_made_line_shows_progress(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
