@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -259,34 +260,24 @@ def reflex(work: Halfedges, growth: Growth) -> int:
     return int((work.ideal[given] - work.degree[given] + growth.uses[given] > REFLEX).sum())
 
 
-def test_patches_go_around_reflex_corners() -> None:
-    work = halfedges(grid("L"))
+def grown(mesh: Mesh) -> Iterator[tuple[Halfedges, Growth]]:
+    """From each vertex inside the patch that has grown as far as it can, checked on its way."""
+    work = halfedges(mesh)
     growth = growth_of(work)
-    seen = set()
-    for v in range(work.counts[VERTICES]):
-        if work.fixed[v]:
-            continue
+    for v in np.flatnonzero(~work.fixed[: work.counts[VERTICES]]):
         shrink(work, growth, 0)
-        if add(work, growth, push_fan(work, growth, v, 0), len(work.quads)):
+        if add(work, growth, push_fan(work, growth, int(v), 0), len(work.quads)):
             while add(work, growth, stack_around(work, growth), len(work.quads)):
-                pass
-            seen.add(reflex(work, growth))
-    assert seen == {1}
+                check_patch(work, growth)
+            yield work, growth
+
+
+def test_patches_go_around_reflex_corners() -> None:
+    assert {reflex(*patch) for patch in grown(grid("L"))} == {1}
 
 
 def test_patches_go_around_holes() -> None:
-    work = halfedges(ring_mesh(16, 4))
-    growth = growth_of(work)
-    seen = set()
-    for v in range(work.counts[VERTICES]):
-        if work.fixed[v]:
-            continue
-        shrink(work, growth, 0)
-        assert add(work, growth, push_fan(work, growth, v, 0), len(work.quads))
-        while add(work, growth, stack_around(work, growth), len(work.quads)):
-            check_patch(work, growth)
-        seen.add(int(growth.counts[LOOP] - growth.counts[OUTER]))
-    assert seen == {16}
+    assert {int(growth.counts[LOOP] - growth.counts[OUTER]) for _, growth in grown(ring_mesh(16, 4))} == {16}
 
 
 @pytest.mark.parametrize("shape", SHAPES)

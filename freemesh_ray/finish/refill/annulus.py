@@ -138,13 +138,15 @@ def list_rings(mesh: Halfedges, growth: Growth, filling: Filling, patterns: Patt
     if n > m:  # corners are those of the rows outside, and have five elements where these end
         for k in range(filling.counts[CORNER_COUNT]):
             left += 1.0 + patterns.more[filling.corners[k]]
+    if left > most:
+        return 0
     wanted = _enclosed(filling)
     wanted /= edge_length(filling, filling.loop, n) * edge_length(filling, filling.hole, m)
     low, high = FEWEST[1 if whole else 0] * size - 2.0, MOST_ELEMENTS[1 if whole else 0] * size + 2.0
     if whole:
         high = max(high, min(MOST_OF_DOMAIN * size, MOST_ELEMENTS[1] * wanted))
     rows = outside(filling, n // ROWS_OF_DOMAIN if whole else ROWS, high)
-    if rows < 0 or left > most:
+    if rows < 0:
         return 0
     offset, made, count = opposite(filling), filling.counts[QUADS], 0
     best = max(0, round((wanted - made) / m) - 1)
