@@ -415,13 +415,18 @@ def test_rows_outside_end_where_there_is_no_room(elements: int) -> None:
     assert rows == (5 if elements >= 260 else -1)
 
 
-@pytest.mark.parametrize(("n", "rows"), [(24, 4), (80, 9)])
-def test_rough_rings_become_rows(n: int, rows: int) -> None:
-    mesh = roughened(ring_mesh(n, rows), 1, 20)
+def test_a_rough_ring_becomes_rows_as_a_whole() -> None:
+    mesh = roughened(ring_mesh(24, 4), 1, 20)
     assert len(irregular(mesh)) > 4
-    found = finish(mesh).mesh
+    found, _, _ = refilled(mesh, EFFORTS["usual"]._replace(work=1, share=1))
     assert len(irregular(found)) == 0
-    assert len(found.quads) % n == 0
+    assert len(found.quads) % 24 == 0
+
+
+def test_a_large_rough_ring_is_finished_as_rows() -> None:
+    found = finish(roughened(ring_mesh(80, 9), 1, 20)).mesh
+    assert len(irregular(found)) == 0
+    assert len(found.quads) % 80 == 0
     assert element_quality(found.vertices, found.quads).min() > 0.6
 
 
