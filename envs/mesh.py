@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from envs.drawing import Curve
 from envs.types import Floats, Ints
 
 
@@ -23,6 +25,46 @@ def edges_of(*blocks: Ints) -> tuple[Ints, Ints]:
     return np.stack(np.divmod(keys, base), axis=1), counts
 
 
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """The parts of a mesh that have names; within each kind none overlaps another.
+
+    Attributes:
+        sides: (k, 2) int64 boundary segments of each name, the domain on their left.
+        lines: (k, 2) int64 edges inside of each name: interfaces between regions, lines that elements follow.
+        regions: (k,) int64 elements of each name.
+        points: the vertex of each name.
+    """
+
+    sides: Mapping[str, Ints] = field(default_factory=dict)
+    lines: Mapping[str, Ints] = field(default_factory=dict)
+    regions: Mapping[str, Ints] = field(default_factory=dict)
+    points: Mapping[str, int] = field(default_factory=dict)
+
+
+#: No names.
+NO_GROUPS = Groups()
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedEdges:
+    """The edges of a mesh that lie on curves, for elements whose sides are curved.
+
+    Attributes:
+        edges: (k, 2) int64 vertices.
+        curve_of: (k,) int64, which curve each lies on.
+        curves: the curves, exact.
+    """
+
+    edges: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    curve_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    curves: tuple[Curve, ...] = ()
+
+
+#: All edges straight.
+STRAIGHT = CurvedEdges()
+
+
 @dataclass(frozen=True, repr=False)
 class Mesh:
     """Vertices and counter-clockwise quadrilaterals.
@@ -33,6 +75,8 @@ class Mesh:
         quads: (m, 4) int64 indices into ``vertices``, counter-clockwise, in the order they were cut.
         segments: (s, 2) int64, the given boundary segments, the domain on their left.
         complete: whether the quads fill the domain.
+        groups: the parts that have names.
+        curved: the edges that lie on curves.
     """
 
     name: str
@@ -40,6 +84,8 @@ class Mesh:
     quads: Ints
     segments: Ints
     complete: bool
+    groups: Groups = field(default=NO_GROUPS, kw_only=True)
+    curved: CurvedEdges = field(default=STRAIGHT, kw_only=True)
 
     def __repr__(self) -> str:
         state = "" if self.complete else ", not complete"
