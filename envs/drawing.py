@@ -7,7 +7,7 @@
     |  steel  |  copper  |                 "crack", inside: elements follow it
     |   ---crack         |      points     "gauge", inside: a node sits on it
     |         |    x     |
-    +---------+----------+      Every line is laid along polygons' sides or inside them; which of the two, its place says.
+    +---------+----------+      Lines lie along the sides or inside; which of the two, their place says.
 """
 
 from __future__ import annotations
