@@ -43,7 +43,7 @@ def test_a_named_interface_keeps_its_name_and_an_inclusion_its_region() -> None:
 
 
 def test_parts_that_do_not_touch_are_one_mesh_too() -> None:
-    apart = (np.array(RIGHT) + [1.0, 0.0]).tolist()
+    apart = (np.array(RIGHT) + np.array([1.0, 0.0])).tolist()
     mesh = freemesh_ray.mesh([[LEFT], [apart]], edge_length=0.25)
     assert mesh.complete
     assert mesh.defects(area=2.0) == []

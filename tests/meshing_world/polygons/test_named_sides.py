@@ -52,7 +52,7 @@ def test_an_arc_and_its_chord_have_their_own_names(radius: float, h: float) -> N
 
 
 def test_regions_share_the_segments_of_their_interface() -> None:
-    left, right = SQUARE, SQUARE + [1.0, 0.25]
+    left, right = SQUARE, SQUARE + np.array([1.0, 0.25])
     geometry = object_geometry(Drawing([[left], [right]], ["steel", "copper"]), edge_length=0.1)
     steel, copper = geometry.regions
     assert [region.name for region in geometry.regions] == ["steel", "copper"]
@@ -65,7 +65,7 @@ def test_regions_share_the_segments_of_their_interface() -> None:
 
 def test_a_box_offers_the_names_of_its_sides_and_holes() -> None:
     plate = np.concatenate([arc(0.3, np.pi / 2, 0.0), [[2.0, 0.0], [2.0, 1.0], [0.0, 1.0]]])
-    hole = arc(0.1, 0.0, 2 * np.pi)[:-1] + [1.2, 0.5]
+    hole = arc(0.1, 0.0, 2 * np.pi)[:-1] + np.array([1.2, 0.5])
     (region,) = object_geometry([plate, hole], edge_length=0.1).regions
     assert set(region.sides) == {"left", "right", "bottom", "top", "arc_1", "hole_1"}
     points = region.domain.points
