@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +18,9 @@ from envs.polygons.named_sides import along, line_of_segments, sides_by_name, to
 from envs.polygons.offered_names import offered
 from envs.polygons.rings import place
 from envs.types import Domain, DomainError, Floats, Ints
+
+#: Which of (m, 2) places belong to a name: (m,) bool.
+Test = Callable[[Floats], np.ndarray]
 
 #: Lines of a drawing at most.
 MOST_LINES = 100_000
@@ -142,6 +145,48 @@ def within(lines: Sequence[Line], polygons: Sequence[Sequence[Floats]], source: 
                 "a polygon; end it on the boundary, or remove it"
             )
     return tuple(kept)
+
+
+def with_regions(geometry: Geometry, names: Sequence[str]) -> Geometry:
+    """The geometry with these names of its regions.
+
+    Raises:
+        DomainError: another number of names than of regions.
+    """
+    if len(names) != len(geometry.regions):
+        raise DomainError(
+            f"{geometry.name}: {len(names)} names for {len(geometry.regions)} regions; give one for each polygon"
+        )
+    regions = zip(geometry.regions, names, strict=True)
+    return replace(geometry, regions=tuple(replace(region, name=name) for region, name in regions))
+
+
+def named_by(geometry: Geometry, tests: Mapping[str, Test]) -> Geometry:
+    """The geometry with names for the segments whose ends and middle pass a test; they go before names by lines.
+
+    Args:
+        geometry: split.
+        tests: by name, each (m, 2) places to (m,) bool; of several that a segment passes, the first has it.
+    """
+    return replace(geometry, regions=tuple(_tested(region, tests) for region in geometry.regions))
+
+
+def _tested(region: Region, tests: Mapping[str, Test]) -> Region:
+    segments = region.domain.segments
+    ends = region.domain.points[segments]
+    free = np.ones(len(segments), dtype=np.bool_)
+    sides: dict[str, Ints] = {}
+    for name, test in tests.items():
+        passed = free.copy()
+        for places in (ends[:, 0], ends[:, 1], ends.mean(axis=1)):
+            passed &= np.asarray(test(places), dtype=np.bool_)
+        sides[name] = segments[passed]
+        free &= ~passed
+    left = {tuple(segment) for segment in segments[free].tolist()}
+    for name, rows in region.sides.items():
+        rest = rows[[tuple(row) in left for row in rows.tolist()]]
+        sides[name] = np.concatenate([sides[name], rest]) if name in sides else rest
+    return replace(region, sides={name: rows for name, rows in sides.items() if len(rows)})
 
 
 def region_of(domain: Domain, name: str, laid: Laid) -> Region:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
 from envs.domains.load import load_geometry, object_geometry, own_sizes, wanted_sizes
 from envs.mesh import Mesh as PlainMesh
-from envs.polygons.geometry import Geometry
+from envs.polygons.geometry import Geometry, Test, named_by, with_regions
 from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE
 from envs.readers.sizes import size_of
@@ -171,6 +171,8 @@ def mesh(
     allow_large: bool = False,
     layers: Sequence[str] = (),
     join: float | None = None,
+    names: Mapping[str, Test] | None = None,
+    regions: Sequence[str] | None = None,
     **options: Any,
 ) -> Mesh:
     """Mesh a polygon, or several that share boundary, as one conforming mesh.
@@ -198,6 +200,9 @@ def mesh(
         allow_large: make a mesh of more than 2 million elements, too.
         layers: of a drawing's file, those that are read; by default all that are seen.
         join: ends of a drawing's curves within this distance meet, in its units; by default what rounding explains.
+        names: of sides: functions of (m, 2) places to (m,) bool; a boundary segment whose ends and middle all pass has
+            the name, before what the file says.
+        regions: a name for each polygon, before what the file says.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``: see mesher.mesh_domain.
 
     Returns:
@@ -221,6 +226,10 @@ def mesh(
         geometry = object_geometry(polygon, name or "polygon", **split)
     if name is not None:
         geometry = replace(geometry, name=name)
+    if regions is not None:
+        geometry = with_regions(geometry, regions)
+    if names:
+        geometry = named_by(geometry, names)
     if policy is None:
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")

@@ -8,6 +8,7 @@ import shapely
 
 import freemesh_ray
 from envs.drawing import Drawing, Line
+from envs.types import DomainError
 
 LEFT = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 RIGHT = [[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0]]
@@ -49,3 +50,20 @@ def test_parts_that_do_not_touch_are_one_mesh_too() -> None:
     assert mesh.defects(area=2.0) == []
     assert set(mesh.groups.regions) == {"region_1", "region_2"}
     assert mesh.groups.lines == {}
+
+
+def test_names_by_python_go_before_those_that_are_offered() -> None:
+    mesh = freemesh_ray.mesh(
+        LEFT, edge_length=0.25, names={"inlet": lambda at: (at[:, 0] == 0.0) & (at[:, 1] <= 0.5)}, regions=["water"]
+    )  # fmt: skip
+    assert list(mesh.groups.regions) == ["water"]
+    inlet = mesh.vertices[mesh.groups.sides["inlet"]]
+    assert len(inlet) == 2
+    assert (inlet[..., 1] <= 0.5).all()
+    assert len(mesh.groups.sides["left"]) == 2
+    assert {len(mesh.groups.sides[name]) for name in ("right", "bottom", "top")} == {4}
+
+
+def test_as_many_names_as_regions() -> None:
+    with pytest.raises(DomainError, match="box: 2 names for 1 regions; give one for each polygon"):
+        freemesh_ray.mesh(LEFT, edge_length=0.25, name="box", regions=["a", "b"])
