@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.drawing import Reading
 from envs.polygons.curves import ChordsError
 from envs.polygons.rings import check_count, check_rings
 from envs.readers.formats import BY_SUFFIX
@@ -37,7 +38,10 @@ def read(path: Path, edge_length: float | None = None) -> Polygons:
     reader = import_module(f"envs.readers.{format.module}")
     try:
         with np.errstate(all="ignore"):  # numbers beyond floats are for the checks of the rings to name
-            polygons: Polygons = reader.polygons_of_file(path, edge_length)
+            if hasattr(reader, "drawing_of_file"):
+                polygons: Polygons = [list(rings) for rings in reader.drawing_of_file(path, Reading(edge_length)).polygons]
+            else:
+                polygons = reader.polygons_of_file(path, edge_length)
     except ChordsError as error:
         raise DomainError(f"{path}: {error}") from None
     check_rings(sum(map(len, polygons)), str(path))

@@ -96,7 +96,7 @@ BAD = {
     "two polygons": ("a.geojson", {"type": "FeatureCollection", "features": [FEATURE] * 2}, "2 polygons where exactly"),
     "two parts": ("a.geojson", {"type": "MultiPolygon", "coordinates": [RINGS, RINGS]}, "2 polygons where exactly"),
     "no polygon": ("a.geojson", {"type": "FeatureCollection", "features": []}, "0 polygons where exactly one"),
-    "a point": ("a.geojson", {"type": "Point", "coordinates": [1, 2]}, "type 'Point' where a Polygon is needed"),
+    "a point": ("a.geojson", {"type": "Point", "coordinates": [1, 2]}, "GeoJSON of lines and points alone"),
     "no geometry": ("a.geojson", {"type": "Feature", "geometry": None}, "an object without a type"),
     "no coordinates": ("a.geojson", {"type": "Polygon"}, "'coordinates' is no list of rings"),
     "coordinates not rings": ("a.geojson", {"type": "Polygon", "coordinates": [1]}, "'coordinates' is no list"),
