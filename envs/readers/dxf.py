@@ -117,7 +117,7 @@ def document_of(path: Path) -> Any:
     try:
         try:
             return ezdxf.readfile(path)
-        except (ezdxf.DXFError, ValueError):  # type: ignore[attr-defined]
+        except Exception:  # a broken file makes it raise anything
             return recover.readfile(path)[0]
     except Exception as error:  # nor what a broken file does
         raise broken(path, error) from None

@@ -117,6 +117,8 @@ def entities_of(document: Any, source: str, chosen: frozenset[str] | None) -> It
 
 def inserted(insert: Any) -> Iterator[Any]:
     """The entities of an inserted block, once for each place of an array of them."""
+    if not insert.dxf.zscale:  # heights are ignored, and nothing can be turned in a space that is flattened
+        insert.dxf.zscale = 1.0
     places: Iterable[Any] = insert.multi_insert() if insert.mcount > 1 else (insert,)
     for one in places:
         yield from one.virtual_entities()

@@ -23,7 +23,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from envs.polygons.rings import pairs_of
-from envs.readers.pieces import Piece
+from envs.readers.pieces import FINER, Piece
 from envs.types import DomainError, Floats, Ints
 
 #: Pairs of different places that meet, and of places and pieces, at most.
@@ -144,7 +144,7 @@ def touching(network: Network, nodes: Ints, tolerance: float) -> tuple[Splits, F
     piece, node = chords.piece[chord], nodes[at]
     foreign = (network.ends[piece] != node[:, None]).all(axis=1)
     at, chord, piece, node = at[foreign], chord[foreign], piece[foreign], node[foreign]
-    parameter, off = nearest(network.pieces, piece, chords.number[chord], points[at])
+    parameter, off = nearest(network.pieces, piece, chords.number[chord], points[at], tolerance)
     # Of several chords of a piece the nearest one counts.
     order = np.lexsort([off, node, piece])
     order = order[off[order] <= tolerance * (1.0 + 1e-9)]
@@ -165,7 +165,7 @@ def touching_vertices(network: Network) -> Splits:
     piece = chords.piece[chord]
     foreign = piece != owner[at]
     at, chord, piece = at[foreign], chord[foreign], piece[foreign]
-    parameter, off = nearest(network.pieces, piece, chords.number[chord], points[at])
+    parameter, off = nearest(network.pieces, piece, chords.number[chord], points[at], network.tolerance)
     on = off <= network.tolerance
     at, piece, parameter = at[on], piece[on], parameter[on]
     both = Splits(
@@ -237,27 +237,36 @@ class Chords:
                 if total > MOST_MEETING:
                     raise too_dense(source, distance)
         at, chord = np.concatenate(found, axis=1)
-        return at, chord
+        close = shapely.distance(self.lines[chord], shapely.points(points[at])) <= self.bulge[chord] + distance
+        return at[close], chord[close]
 
 
-def nearest(pieces: Sequence[Piece], piece: Ints, number: Ints, points: Floats) -> tuple[Floats, Floats]:
+def nearest(
+    pieces: Sequence[Piece], piece: Ints, number: Ints, points: Floats, within: float
+) -> tuple[Floats, Floats]:
     """Where pieces are nearest to points beside some of their chords, and how near.
 
     Args:
         piece: (m,) of the pieces.
         number: (m,) the rough place that the chord begins at.
         points: (m, 2).
+        within: what lies further away need not be found.
 
     Returns:
-        (m,) parameters within the pieces, at a vertex where that is as near, and (m,) distances.
+        (m,) parameters within the pieces, and (m,) distances, infinite where they are not found.
     """
-    parameter, off = np.zeros(len(points)), np.zeros(len(points))
+    parameter, off = np.zeros(len(points)), np.full(len(points), np.inf)
     order = np.argsort(piece, kind="stable")
     for chosen in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1) if len(order) else []:
         one = pieces[piece[chosen[0]]]
-        t = np.clip(one.nearest(points[chosen], number[chosen]), min(one.bounds), max(one.bounds))
-        parameter[chosen] = t
-        off[chosen] = np.linalg.norm(one.at(t) - points[chosen], axis=1)
+        if one.curve is not None:
+            # To look a place up on a curve takes a hundred times as long.
+            beside = shapely.distance(shapely.points(points[chosen]), shapely.LineString(one.fine))
+            chosen = chosen[beside <= within + one.bulge / FINER]
+        if len(chosen):
+            t = np.clip(one.nearest(points[chosen], number[chosen]), min(one.bounds), max(one.bounds))
+            parameter[chosen] = t
+            off[chosen] = np.linalg.norm(one.at(t) - points[chosen], axis=1)
     return parameter, off
 
 
@@ -361,18 +370,23 @@ def folded(network: Network) -> np.ndarray:
 
 def lies_on(piece: Piece, other: Piece, tolerance: float) -> bool:
     """Whether all of a piece lies on another one."""
+    if piece.rough.shape == other.rough.shape and not (piece.curve is None) ^ (other.curve is None):
+        # Drawn twice, it may be the other way round: then no nearest places are looked for.
+        for places in (piece.rough, piece.rough[::-1]):
+            if np.linalg.norm(places - other.rough, axis=1).max() <= tolerance:
+                return True
     t = piece.parameters
     middle = np.stack([t[:-1], 0.5 * (t[:-1] + t[1:])], axis=1).ravel()
     chosen = np.append(middle, t[-1])
     if len(chosen) > PROBES and piece.curve is not None:
         chosen = chosen[np.linspace(0, len(chosen) - 1, PROBES).astype(np.int64)]
     probes = piece.at(chosen)
-    if other.curve is None:
-        off = shapely.distance(shapely.points(probes), shapely.LineString(other.points))
-    else:
-        u = other.nearest(probes, np.zeros(len(probes), dtype=np.int64))
-        u = np.clip(u, min(other.bounds), max(other.bounds))
-        off = np.linalg.norm(other.at(u) - probes, axis=1)
+    off = shapely.distance(shapely.points(probes), shapely.LineString(other.rough))
+    if (off > other.bulge + tolerance).any():
+        return False
+    if other.curve is not None:
+        off = shapely.distance(shapely.points(probes), shapely.LineString(other.fine))
+        tolerance += other.bulge / FINER
     return bool((off <= tolerance).all())
 
 

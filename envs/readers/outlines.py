@@ -94,8 +94,8 @@ class Outlines:
 
     @property
     def slip(self) -> Gap | None:
-        """The smallest gap that can be nothing else than an outline that should close; None when there is none."""
-        return next((gap for gap in self.gaps if gap.outline and gap.share <= SLIP), None)
+        """The widest gap that can be nothing else than an outline that should close; None when there is none."""
+        return next((gap for gap in reversed(self.gaps) if gap.outline and gap.share <= SLIP), None)
 
 
 def outlines(

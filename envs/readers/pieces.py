@@ -19,6 +19,12 @@ from envs.types import Floats
 #: Chords that stand for a quarter of a turn, or a smooth span, where places are looked for near a curve.
 CHORDS = 8
 
+#: Finer chords for each of them, where it matters whether one curve lies on another, ...
+FINE = 64
+
+#: ... and by what that divides how far the curve lies off: a chord's sagitta goes with the square of its length.
+FINER = FINE * FINE / 2
+
 #: An arc of a smaller sweep (radians) is flattened from its ends: its centre may lie too far away.
 FLAT = 0.1
 
@@ -58,6 +64,13 @@ class Piece:
             return self.points
         found = np.asarray(self.curve.at(self.parameters), dtype=np.float64)
         return pinned(found, *self.points) if len(self.points) == 2 else found
+
+    @cached_property
+    def fine(self) -> Floats:
+        """(m, 2) places on a curve, from whose chords it lies off by less than a share ``FINER`` of its bulge."""
+        t = self.parameters
+        steps = np.linspace(0.0, 1.0, FINE, endpoint=False)
+        return self.at(np.append((t[:-1, None] + steps * np.diff(t)[:, None]).ravel(), t[-1]))
 
     @cached_property
     def bulge(self) -> float:
