@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.drawing import Drawing, Line, Reading
 from envs.polygons import curves
-from envs.polygons.rings import check_coordinates, extent
+from envs.polygons.rings import check_coordinates, extent, place
 from envs.readers.dxf_entities import READ, Entity, entities_of, layers_of, pieces_of
 from envs.readers.joins import option
 from envs.readers.nesting import nested
@@ -144,7 +144,7 @@ def check_closed(found: Outlines, source: str) -> None:
         )
     if not found.groups:
         tip = found.left[0].ends[1] if found.left else np.zeros(2)
-        raise DomainError(f"{source}: a curve ends at {tip.tolist()} and no other begins there; close the outline")
+        raise DomainError(f"{source}: a curve ends at {place(tip)} and no other begins there; close the outline")
 
 
 def drawn(found: Outlines, entities: Sequence[Entity], document: Any, source: str) -> Drawing:

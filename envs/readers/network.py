@@ -260,7 +260,6 @@ def nearest(
     for chosen in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1) if len(order) else []:
         one = pieces[piece[chosen[0]]]
         if one.curve is not None:
-            # To look a place up on a curve takes a hundred times as long.
             beside = shapely.distance(shapely.points(points[chosen]), shapely.LineString(one.fine))
             chosen = chosen[beside <= within + one.bulge / FINER]
         if len(chosen):

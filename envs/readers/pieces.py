@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import shapely
 
 from envs.polygons import curves
 from envs.polygons.curves import Flattening, pinned
@@ -24,6 +25,12 @@ FINE = 64
 
 #: ... and by what that divides how far the curve lies off: a chord's sagitta goes with the square of its length.
 FINER = FINE * FINE / 2
+
+#: Half the step that a tangent is measured over, as a share of the piece's parameters, ...
+TANGENT = 1e-6
+
+#: ... and steps to the parameter of a place.
+STEPS = 5
 
 #: An arc of a smaller sweep (radians) is flattened from its ends: its centre may lie too far away.
 FLAT = 0.1
@@ -66,11 +73,16 @@ class Piece:
         return pinned(found, *self.points) if len(self.points) == 2 else found
 
     @cached_property
-    def fine(self) -> Floats:
-        """(m, 2) places on a curve, from whose chords it lies off by less than a share ``FINER`` of its bulge."""
+    def fine_parameters(self) -> Floats:
+        """(m,) parameters of places on a curve, from whose chords it lies off by a share 1 / ``FINER`` of its bulge."""
         t = self.parameters
         steps = np.linspace(0.0, 1.0, FINE, endpoint=False)
-        return self.at(np.append((t[:-1, None] + steps * np.diff(t)[:, None]).ravel(), t[-1]))
+        return np.append((t[:-1, None] + steps * np.diff(t)[:, None]).ravel(), t[-1])
+
+    @cached_property
+    def fine(self) -> Floats:
+        """(m, 2) these places."""
+        return self.at(self.fine_parameters)
 
     @cached_property
     def bulge(self) -> float:
@@ -101,17 +113,27 @@ class Piece:
         return (1.0 - share) * self.points[first] + share * self.points[first + 1]
 
     def nearest(self, points: Floats, chord: np.ndarray) -> Floats:
-        """(m,) parameters of the nearest places to (m, 2) points.
+        """(m,) parameters of the places where (m, 2) points on the piece, or nearly so, are.
 
         Args:
-            points: near the piece.
+            points: about as near to it as rounding lets them be.
             chord: (m,) int, the rough place that the chord nearest to each begins at.
         """
-        if self.curve is not None:
-            return np.asarray(self.curve.nearest(points))
-        a, step = self.points[chord], self.points[chord + 1] - self.points[chord]
-        share = ((points - a) * step).sum(axis=1) / (step * step).sum(axis=1)
-        return chord + np.clip(share, 0.0, 1.0)
+        if self.curve is None:
+            a, step = self.points[chord], self.points[chord + 1] - self.points[chord]
+            share = ((points - a) * step).sum(axis=1) / (step * step).sum(axis=1)
+            return np.asarray(chord + np.clip(share, 0.0, 1.0))
+        low, high = sorted(self.span)
+        along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.fine, axis=0), axis=1)))
+        located = shapely.line_locate_point(shapely.LineString(self.fine), shapely.points(points))
+        t = np.interp(located, along, self.fine_parameters)
+        width = TANGENT * (high - low)
+        # Gauss's and Newton's steps: for a point on the curve each doubles the digits of the one before.
+        for _ in range(STEPS):
+            tangent = (self.at(t + width) - self.at(t - width)) / (2.0 * width)
+            length = np.maximum((tangent * tangent).sum(axis=1), np.finfo(np.float64).tiny)
+            t = np.clip(t + ((points - self.at(t)) * tangent).sum(axis=1) / length, low, high)
+        return t
 
     def part(self, start: float, end: float, a: Floats, b: Floats) -> Piece:
         """The part between two parameters, in order of the piece, that begins at the place a and ends at b."""
