@@ -156,7 +156,8 @@ def drawn(found: Outlines, entities: Sequence[Entity], document: Any, source: st
     regions = tuple(layer or "" if several else "" for layer in layers)
     # What names a region names no side.
     silent = {name for name in regions if name}
-    lines = [*found_lines(found, entities, silent), *optional_lines(found, entities)]
+    # Where two lie on one side the first one's name counts.
+    lines = [*optional_lines(found, entities), *found_lines(found, entities, silent)]
     notes = [note for note in (joined_note(found), left_note(found, entities), units_note(document)) if note]
     return Drawing(polygons, regions if any(regions) else (), lines, notes=notes)
 
@@ -183,10 +184,10 @@ def found_lines(found: Outlines, entities: Sequence[Entity], silent: set[str]) -
 
 def optional_lines(found: Outlines, entities: Sequence[Entity]) -> Iterable[Line]:
     """What bounds nothing, and what was drawn upon a side: it names what lies on it."""
-    for piece in (*found.left, *found.beside):
+    for piece in (*found.beside, *found.left):
         name = name_of(entities[piece.entity].layer)
         if name:
-            yield Line(piece.rough, name=name, curve=piece.curve, optional=True)
+            yield Line(piece.fine, name=name, curve=piece.curve, optional=True)
 
 
 def joined_note(found: Outlines) -> str:

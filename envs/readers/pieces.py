@@ -81,8 +81,8 @@ class Piece:
 
     @cached_property
     def fine(self) -> Floats:
-        """(m, 2) these places."""
-        return self.at(self.fine_parameters)
+        """(m, 2) these places; the vertices of a straight piece."""
+        return self.points if self.curve is None else self.at(self.fine_parameters)
 
     @cached_property
     def bulge(self) -> float:
