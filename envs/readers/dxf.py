@@ -10,22 +10,21 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Reading
+from envs.drawing import Drawing, Reading
 from envs.polygons import curves
-from envs.polygons.rings import check_coordinates, extent, place
+from envs.polygons.rings import check_coordinates, extent
+from envs.readers.drawn import check_closed, counted, drawn, gap_note
 from envs.readers.dxf_entities import READ, Entity, entities_of, layers_of, pieces_of
-from envs.readers.joins import option
-from envs.readers.nesting import nested
-from envs.readers.outlines import Face, Outlines, outlines
+from envs.readers.outlines import Outlines, outlines
 from envs.readers.pieces import Piece
 from envs.readers.source import excerpt
-from envs.types import DomainError, Floats
+from envs.types import DomainError
 
 #: Ends closer than this share of the drawing's extent meet: drawings are often written with six digits.
 ENDS_MEET = 1e-6
@@ -65,8 +64,9 @@ def drawing_of_file(path: Path, reading: Reading) -> Drawing:
         raise
     except Exception as error:  # what a broken entity makes ezdxf raise is not documented
         raise broken(source, error) from None
-    check_closed(found, source)
-    return drawn(found, entities, document, source)
+    check_closed(found, "choose the layers to read", source)
+    names = ["" if entity.layer == NO_NAME else entity.layer for entity in entities]
+    return drawn(found, names, (left_note(found, entities), units_note(document)), source)
 
 
 def chosen_layers(document: Any, wanted: Sequence[str], source: str) -> frozenset[str] | None:
@@ -129,74 +129,6 @@ def broken(source: str | Path, error: Exception) -> DomainError:
     return DomainError(f"{source}: not a valid DXF drawing ({reason}); save it again as DXF R2000 or later")
 
 
-def check_closed(found: Outlines, source: str) -> None:
-    """Refuse a drawing of which nothing closes, or an outline of it that nearly does.
-
-    Raises:
-        DomainError: the gap with its places, and the option that joins it.
-    """
-    gap = found.slip if found.groups else next(iter(found.gaps), None)
-    if gap is not None:
-        a, b = gap.told
-        raise DomainError(
-            f"{source}: a curve ends at {a} and no other begins there, the nearest open end is {gap.width:.3g} away at "
-            f"{b}; join them with {option(gap.width)}, or choose the layers to read"
-        )
-    if not found.groups:
-        tip = found.left[0].ends[1] if found.left else np.zeros(2)
-        raise DomainError(f"{source}: a curve ends at {place(tip)} and no other begins there; close the outline")
-
-
-def drawn(found: Outlines, entities: Sequence[Entity], document: Any, source: str) -> Drawing:
-    """The drawing of what was found."""
-    all_faces = {id(face.rings[0]): face for group in found.groups for face in group}
-    polygons = nested([[face.rings for face in group] for group in found.groups], source)
-    layers = [layer_of(all_faces[id(rings[0])], entities) for rings in polygons]
-    several = len({layer for layer in layers if layer is not None}) > 1
-    regions = tuple(layer or "" if several else "" for layer in layers)
-    # What names a region names no side.
-    silent = {name for name in regions if name}
-    # Where two lie on one side the first one's name counts.
-    lines = [*optional_lines(found, entities), *found_lines(found, entities, silent)]
-    notes = [note for note in (joined_note(found), left_note(found, entities), units_note(document)) if note]
-    return Drawing(polygons, regions if any(regions) else (), lines, notes=notes)
-
-
-def layer_of(face: Face, entities: Sequence[Entity]) -> str | None:
-    """The one layer that a face's outer ring was drawn on, empty for the layer that is no name; None: several."""
-    layers = {name_of(entities[i].layer) for i in face.around}
-    return layers.pop() if len(layers) == 1 else None
-
-
-def name_of(layer: str) -> str:
-    """The name that a layer gives."""
-    return "" if layer == NO_NAME else layer
-
-
-def found_lines(found: Outlines, entities: Sequence[Entity], silent: set[str]) -> Iterable[Line]:
-    """The sides that have a name or a curve; the layers that are names of regions give none."""
-    for side in found.sides:
-        name = name_of(entities[side.piece.entity].layer)
-        name = "" if name in silent else name
-        if name or side.piece.curve is not None:
-            yield Line(side.points, name=name, curve=side.piece.curve)
-
-
-def optional_lines(found: Outlines, entities: Sequence[Entity]) -> Iterable[Line]:
-    """What bounds nothing, and what was drawn upon a side: it names what lies on it."""
-    for piece in (*found.beside, *found.left):
-        name = name_of(entities[piece.entity].layer)
-        if name:
-            yield Line(piece.fine, name=name, curve=piece.curve, optional=True)
-
-
-def joined_note(found: Outlines) -> str:
-    """What was joined."""
-    if not found.joined:
-        return ""
-    return f"joined {counted(len(found.joined), 'gap')} of up to {max(found.joined):.3g}"
-
-
 def left_note(found: Outlines, entities: Sequence[Entity]) -> str:
     """What was passed over, by kind and layer, and what keeps lines from closing."""
     open_ones = {piece.entity for piece in found.left}
@@ -210,23 +142,10 @@ def left_note(found: Outlines, entities: Sequence[Entity]) -> str:
         kinds.setdefault(kind, Counter())[entity.layer] += 1
     if not kinds:
         return ""
-    told = [
-        f"{counted(sum(layers.values()), kind)} ({some(layers)})"
-        for kind, layers in sorted(kinds.items(), key=lambda item: -sum(item[1].values()))[:MOST_TOLD]
-    ]
-    more = sum(sum(layers.values()) for layers in kinds.values()) - sum(
-        sum(layers.values()) for layers in sorted(kinds.values(), key=lambda c: -sum(c.values()))[:MOST_TOLD]
-    )
-    line = f"passed over: {', '.join(told)}{f' and {more} others' if more else ''}"
-    for gap in found.gaps[:1]:
-        a, b = gap.told
-        line += f"; ends at {a} and {b} are {gap.width:.3g} apart, {option(gap.width)} joins them"
-    return line
-
-
-def counted(number: int, kind: str) -> str:
-    """A number of things; what is in capitals has no plural."""
-    return f"{number} {kind}" if number == 1 or kind.isupper() else f"{number} {kind}s"
+    order = sorted(kinds.items(), key=lambda item: -item[1].total())
+    told = [f"{counted(layers.total(), kind)} ({some(layers)})" for kind, layers in order[:MOST_TOLD]]
+    more = sum(layers.total() for _, layers in order[MOST_TOLD:])
+    return f"passed over: {', '.join(told)}{f' and {more} others' if more else ''}{gap_note(found)}"
 
 
 def some(layers: Counter[str]) -> str:

@@ -18,7 +18,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from envs.polygons.curves import Flattening
-from envs.polygons.rings import check_coordinates, check_count
+from envs.polygons.rings import check_coordinates, check_count, place
 from envs.readers.joins import SLIP, Gap, gaps, joined
 from envs.readers.loops import loop, regions_and_strays
 from envs.readers.nesting import Rings
@@ -96,6 +96,11 @@ class Outlines:
     def slip(self) -> Gap | None:
         """The widest gap that can be nothing else than an outline that should close; None when there is none."""
         return next((gap for gap in reversed(self.gaps) if gap.outline and gap.share <= SLIP), None)
+
+    @property
+    def tip(self) -> str:
+        """Where a piece that bounds nothing ends, as messages show it; empty when there is none."""
+        return place(self.left[0].ends[1]) if self.left else ""
 
 
 def outlines(

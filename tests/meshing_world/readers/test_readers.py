@@ -95,7 +95,7 @@ BAD = {
     "nan": ("a.json", "[[0,0],[1,0],[1,1],[0,NaN]]", "vertex 3 .*not finite"),
     "two polygons": ("a.geojson", {"type": "FeatureCollection", "features": [FEATURE] * 2}, "2 polygons where exactly"),
     "two parts": ("a.geojson", {"type": "MultiPolygon", "coordinates": [RINGS, RINGS]}, "2 polygons where exactly"),
-    "no polygon": ("a.geojson", {"type": "FeatureCollection", "features": []}, "0 polygons where exactly one"),
+    "no polygon": ("a.geojson", {"type": "FeatureCollection", "features": []}, "no polygon in it"),
     "a point": ("a.geojson", {"type": "Point", "coordinates": [1, 2]}, "GeoJSON of lines and points alone"),
     "no geometry": ("a.geojson", {"type": "Feature", "geometry": None}, "an object without a type"),
     "no coordinates": ("a.geojson", {"type": "Polygon"}, "'coordinates' is no list of rings"),
