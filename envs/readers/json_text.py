@@ -6,21 +6,22 @@ import json
 from pathlib import Path
 from typing import Any
 
-from envs.readers.geojson import polygons_of_geojson, polygons_of_rings
+from envs.drawing import Drawing, Reading
+from envs.readers.geojson import drawing_of_geojson, polygons_of_rings
 from envs.readers.source import text_of
 from envs.types import DomainError
 
 
-def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
-    """The rings of every polygon in a JSON file: GeoJSON, ``{"rings": ...}`` or a list of pairs."""
+def drawing_of_file(path: Path, reading: Reading) -> Drawing:
+    """What a JSON file states: GeoJSON, ``{"rings": ...}`` or a list of pairs."""
     source = str(path)
     data = parsed(text_of(path), source)
     if isinstance(data, list):
-        return [[data]]
+        return Drawing([[data]])
     if isinstance(data, dict) and "rings" in data:
-        return polygons_of_rings(data, source)
+        return Drawing(polygons_of_rings(data, source))
     if isinstance(data, dict) and "type" in data:
-        return polygons_of_geojson(data, source)
+        return drawing_of_geojson(data, source)
     raise DomainError(f"{source}: neither GeoJSON (no 'type') nor a list of [x, y] pairs; give one of the two")
 
 

@@ -9,12 +9,9 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from envs.polygons.rings import pairs_of, place
+from envs.polygons.rings import place
 from envs.readers.nesting import Rings
 from envs.types import DomainError, Floats, Ints
-
-#: Pairs of different curve ends that meet, at most.
-MOST_MEETING = 5_000_000
 
 
 def faces(pieces: Sequence[Floats], ends: Ints, source: str) -> list[list[Rings]]:
@@ -84,14 +81,25 @@ def loop(pieces: Sequence[Floats], ends: Ints, component: Ints) -> Floats:
 
 def regions(pieces: Sequence[Floats], component: Ints, source: str) -> list[Rings]:
     """The rings of every region that connected pieces bound."""
-    lines = [shapely.LineString(pieces[i]) for i in component.tolist()]
-    found, cuts, dangles, broken = shapely.polygonize_full(lines)
-    for stray in (*cuts.geoms, *dangles.geoms, *broken.geoms):
+    found, strays = regions_and_strays([pieces[i] for i in component.tolist()])
+    for stray in strays:
         raise DomainError(
-            f"{source}: the curve from {place(stray.coords[0])} to {place(stray.coords[-1])} has the same region on "
-            "both sides; remove it, or split the curves where they cross"
+            f"{source}: the curve from {place(stray[0])} to {place(stray[-1])} has the same region on both sides; "
+            "remove it, or split the curves where they cross"
         )
-    return [[np.asarray(ring.coords)[:-1] for ring in (region.exterior, *region.interiors)] for region in found.geoms]
+    return found
+
+
+def regions_and_strays(pieces: Sequence[Floats]) -> tuple[list[Rings], list[Floats]]:
+    """The rings of every region that pieces bound, and what of the pieces has the same region on both sides.
+
+    Args:
+        pieces: each (k, 2); they meet at their ends alone.
+    """
+    found, cuts, dangles, broken = shapely.polygonize_full([shapely.LineString(piece) for piece in pieces])
+    strays = [np.asarray(stray.coords) for stray in (*cuts.geoms, *dangles.geoms, *broken.geoms)]
+    rings = [[np.asarray(ring.coords)[:-1] for ring in (r.exterior, *r.interiors)] for r in found.geoms]
+    return rings, strays
 
 
 def open_message(pieces: Sequence[Floats], ends: Ints, piece: int, side: int, meeting: Ints, source: str) -> str:
@@ -105,42 +113,3 @@ def open_message(pieces: Sequence[Floats], ends: Ints, piece: int, side: int, me
     nearest = int(np.argmin(gaps))
     line = f"{line}, the nearest open end is {gaps[nearest]:.3g} away at {place(tips[nearest])}"
     return f"{line}; close the gap, or remove the curve"
-
-
-def joined(pieces: Sequence[Floats], tolerance: float, source: str) -> tuple[list[Floats], Ints]:
-    """Pieces whose ends, where they lie within a tolerance of each other, have been made one point.
-
-    Args:
-        pieces: each (k, 2); of the ends that meet, the first one's coordinates are kept.
-        tolerance: largest distance of ends that meet.
-        source: the name that messages begin with.
-
-    Returns:
-        The pieces and their (p, 2) end nodes.
-
-    Raises:
-        DomainError: a drawing so small beside its extent that all of its ends would meet.
-    """
-    tips = np.array([piece[[0, -1]] for piece in pieces]).reshape(-1, 2)
-    distinct, number = np.unique(tips, axis=0, return_inverse=True)
-    points = shapely.points(distinct)
-    pairs, total = [], 0
-    for i, j in pairs_of(shapely.STRtree(points), points, "dwithin", tolerance):
-        pairs.append((i, j))
-        total += len(i)
-        if total > MOST_MEETING:
-            raise DomainError(
-                f"{source}: too many curves end within {tolerance:.3g} of each other; "
-                "remove what lies far from the rest"
-            )
-    i, j = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    near = coo_array((np.ones(len(i)), (i, j)), shape=(len(points), len(points)))
-    label = connected_components(near, directed=False)[1][number.ravel()]
-    _, first = np.unique(label, return_index=True)
-    snapped = tips[first[label]].reshape(-1, 2, 2)
-    together = []
-    for piece, (a, b) in zip(pieces, snapped, strict=True):
-        moved = piece.copy()
-        moved[0], moved[-1] = a, b
-        together.append(moved)
-    return together, label.reshape(-1, 2).astype(np.int64)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
+from envs.drawing import Drawing, Reading
 from envs.readers import table, wkt
 from envs.readers.source import text_of
 
 
-def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
-    """The rings of every polygon in a text."""
+def drawing_of_file(path: Path, reading: Reading) -> Drawing:
+    """What a text states."""
     first = text_of(path).replace(",", " ").replace(";", " ").split()[:1]
     reader = table if first and table.number_in(first[0]) is not None else wkt
-    return reader.polygons_of_file(path, edge_length)
+    return reader.drawing_of_file(path, reading)

@@ -40,7 +40,8 @@ def test_messages_name_every_suffix(tmp_path: Path, spec: str) -> None:
 
 @pytest.mark.parametrize("format", FORMATS, ids=lambda format: format.name)
 def test_entries_are_complete(format: Format) -> None:
-    assert callable(import_module(f"envs.readers.{format.module}").polygons_of_file)
+    reader = import_module(f"envs.readers.{format.module}")
+    assert callable(getattr(reader, "drawing_of_file", None) or reader.polygons_of_file)
     assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in format.suffixes)
     assert "\n" not in format.meaning
     assert BY_SUFFIX.keys() == {suffix for each in FORMATS for suffix in each.suffixes}
