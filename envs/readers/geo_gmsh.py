@@ -9,6 +9,7 @@ process without environment that can open no file but that one, in an empty fold
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -23,44 +24,61 @@ import numpy as np
 
 from envs.drawing import Curve as ExactCurve
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
+from envs.readers.geo_included import DEPTH, included
 from envs.readers.geo_model import CURVE, POINT, Curve, Model
-from envs.readers.geo_script import FUNCTIONS, OPTIONS
-from envs.readers.geo_statements import ASSIGNING, MOST_INCLUDED, PASSED_OVER, REFUSED, included_file
-from envs.readers.geo_words import Mark, Token, Words
-from envs.readers.source import check_file, excerpt, text_of
+from envs.readers.geo_passed_over import ASSIGNING, OPTIONS, PASSED_OVER, REFUSED
+from envs.readers.geo_script import FUNCTIONS
+from envs.readers.geo_words import Token, Words
+from envs.readers.source import excerpt, text_of
 from envs.types import DomainError, Floats
 
 #: Seconds that Gmsh may take.
 DEADLINE = 120.0
 
+#: Letters of a script with all that it includes at most.
+MOST_LETTERS = 2_000_000
+
 #: Bytes of a text at most: Gmsh reads the rest of a longer one as words.
 MOST_TEXT = 1000
 
-#: Included files in each other at most.
-DEPTH = 50
+#: What no script is.
+BINARY = (".msh", ".step", ".stp", ".iges", ".igs", ".brep", ".stl", ".png")
+
+#: Statements that are not given to Gmsh.
+LEFT_OUT = (PASSED_OVER | {"Transfinite", "NewModel"}) - {"MeshSize", "Characteristic", "Compound"}
+
+#: Words that a text may follow.
+BEFORE_TEXT = ("Macro", "Function", "Call")
+
+END = Token("end", "", 0, 0)
 
 #: Words of Gmsh's that say what a geometry is, or in which order it is made.
-ALLOWED = frozenset((*FUNCTIONS, *"""
-    Affine ArcCos ArcSin ArcTan ArcTan2 BSpline Bezier BooleanCoherence BooleanCommon BooleanCut BooleanDifference
-    BooleanFragments BooleanFuse BooleanIntersection BooleanSection BooleanUnion Boundary BoundingBox Box Block Call
-    CatmullRom CenterOfMass Chamfer Circle Closest Coherence CombinedBoundary Cone Coordinates Curve Cylinder
-    DefineConstant DefineNumber DefineString Delete Dilate Disk Duplicata Ellipse Ellipsis Ellipsoid Else ElseIf EndFor
-    EndIf Exists Exit Extrude Fillet For Function Geometry HealShapes Hole If In Intersect Knots Layers Length LinSpace
-    Line List LogSpace Loop Macro Mass Nurbs OrientedBoundary OrientedCombinedBoundary Order Parent Parametric Physical
-    Physicals Pi Plane Point PointsOf Rand Rectangle Recursive Return Rotate Ruled SetFactory SetMaxTag SetTag Sewing
-    Sphere Spline Split Sprintf Str StrCat StrChoice StrCmp StrFind StrLen StrPrefix StrRelative StrReplace StrSub
-    Surface Symmetry ThickSolid ThruSections Torus Translate Unique UpperCase LowerCase Using Volume Wedge Wire
-    Chamfer CopyMeshingMethod OldNewReg Tolerance OCCTargetUnit AutoCoherence GetNumber GetString GetValue
-    newp newl newc newll newcl news newsl newv newreg newf
-""".split()))  # fmt: skip
+ALLOWED = frozenset((
+    *FUNCTIONS,
+    "Affine", "ArcCos", "ArcSin", "ArcTan", "ArcTan2", "BSpline", "Bezier", "BooleanCoherence", "BooleanCommon",
+    "BooleanCut", "BooleanDifference", "BooleanFragments", "BooleanFuse", "BooleanIntersection", "BooleanSection",
+    "BooleanUnion", "Boundary", "BoundingBox", "Box", "Block", "Call", "CatmullRom", "CenterOfMass", "Chamfer",
+    "Circle", "Closest", "Coherence", "CombinedBoundary", "Cone", "Coordinates", "Curve", "Cylinder",
+    "DefineConstant", "DefineNumber", "DefineString", "Delete", "Dilate", "Disk", "Duplicata", "Ellipse",
+    "Ellipsis", "Ellipsoid", "Else", "ElseIf", "EndFor", "EndIf", "Exists", "Exit", "Extrude", "Fillet", "For",
+    "Function", "Geometry", "HealShapes", "Hole", "If", "In", "Intersect", "Knots", "Layers", "Length", "LinSpace",
+    "Line", "List", "LogSpace", "Loop", "Macro", "Mass", "Nurbs", "OrientedBoundary", "OrientedCombinedBoundary",
+    "Order", "Parent", "Parametric", "Physical", "Physicals", "Pi", "Plane", "Point", "PointsOf", "Rand",
+    "Rectangle", "Recursive", "Return", "Rotate", "Ruled", "SetFactory", "SetMaxTag", "SetTag", "Sewing", "Sphere",
+    "Spline", "Split", "Sprintf", "Str", "StrCat", "StrChoice", "StrCmp", "StrFind", "StrLen", "StrPrefix",
+    "StrRelative", "StrReplace", "StrSub", "Surface", "Symmetry", "ThickSolid", "ThruSections", "Torus",
+    "Translate", "Unique", "UpperCase", "LowerCase", "Using", "Volume", "Wedge", "Wire", "CopyMeshingMethod",
+    "OldNewReg", "Tolerance", "OCCTargetUnit", "AutoCoherence", "GetNumber", "GetString", "GetValue", "MeshSize",
+    "Characteristic", "Compound", "newp", "newl", "newc", "newll", "newcl", "news", "newsl", "newv", "newreg",
+    "newf",
+))  # fmt: skip
 
 #: What a value that a user may change says of itself, in braces.
-ATTRIBUTES = frozenset(
-    """
-    Name Min Max Step Range Choices Highlight Visible ReadOnly ReadOnlyRange Units Label Help Closed AutoCheck Kind
-    Macro GmshOption ServerAction NeverChanged ChangedValue Loop Graph ShortHelp Value Autocheck MultipleSelection Kind
-""".split()
-)
+ATTRIBUTES = frozenset((
+    "Name", "Min", "Max", "Step", "Range", "Choices", "Highlight", "Visible", "ReadOnly", "ReadOnlyRange", "Units",
+    "Label", "Help", "Closed", "AutoCheck", "Kind", "Macro", "GmshOption", "ServerAction", "NeverChanged",
+    "ChangedValue", "Loop", "Graph", "ShortHelp", "Value", "Autocheck", "MultipleSelection",
+))  # fmt: skip
 
 #: Options of Gmsh that change geometry; all others are left out.
 KEPT_OPTIONS = frozenset(("CopyMeshingMethod", "OldNewReg", "Tolerance", "AutoCoherence"))
@@ -93,102 +111,124 @@ def safe_script(path: Path) -> str:
     Raises:
         DomainError: a word that is not known to be harmless.
     """
-    text = text_of(path, errors="replace")
-    kept = list(Safe(path).kept(Words(text, str(path)), 0))
+    kept = list(Kept(path))
+    set_here = names_set(kept)
     lines: list[str] = []
-    for token in kept:
+    for (token, where), (second, _) in zip(kept, [*kept[1:], (END, "")], strict=True):
+        if token.kind == "name" and not harmless(token.text, second, set_here):
+            raise DomainError(f"{where}: {token.text[:40]!r} is not given to Gmsh; save the mesh from Gmsh as .msh")
+        # Words of included files stand on the line that includes them, what follows on its own.
         lines += [""] * (token.line - len(lines))
-        lines[-1] += f" {token.text}"
+        lines[-1] += f" {' '.join(token.text.splitlines())}"
     return "\n".join(lines) + "\n"
 
 
-class Safe:
-    """What of a script is given to Gmsh.
+#: A word of a script, and how messages name its place.
+Word = tuple[Token, str]
+
+
+class Kept:
+    """The words of a script that are given to Gmsh, and those of the files that it includes.
 
     Attributes:
-        folder: of the script: files that it includes lie below.
-        included: bytes of included files so far.
-        line: the last line that was written.
-        names: what the script sets itself.
+        path: the script: files that it includes lie below its folder.
+        read: letters read so far.
+        line: the line of the script that was reached.
     """
 
     def __init__(self, path: Path) -> None:
-        self.folder = path.parent
-        self.included = 0
+        self.path = path
+        self.read = 0
         self.line = 1
-        self.names: set[str] = set()
 
-    def kept(self, words: Words, depth: int) -> Iterator[Token]:
+    def __iter__(self) -> Iterator[Word]:
+        text = text_of(self.path, errors="replace")
+        words = Words(text, str(self.path))
+        self.count(text, words)
+        yield from self.kept(words, 0)
+
+    def count(self, text: str, words: Words) -> None:
+        """Count the letters of a file."""
+        self.read += len(text)
+        if self.read > MOST_LETTERS:
+            raise words.fault(f"more than {MOST_LETTERS:,} letters for Gmsh; save the mesh from Gmsh as .msh")
+
+    def kept(self, words: Words, depth: int) -> Iterator[Word]:
         """The words of a file that are kept, and of those that it includes, on ascending lines."""
-        begins = True
-        before = ""
+        begins, before = True, ""
         while words.next.kind != "end":
+            where = words.where()
             token = words.take()
             if "\0" in token.text or len(token.text.encode()) > MOST_TEXT:
                 raise words.fault(f"a word or a text of more than {MOST_TEXT} bytes; shorten it", token.line)
-            if begins and token.kind == "name" and self.left_out(words, token):
+            if not words.file:
+                self.line = token.line
+            if begins and token.kind == "name" and left_out(words, token):
+                while words.taken(";"):  # Gmsh knows no empty statement
+                    pass
                 continue
-            if begins and token.text == "Include" and token.kind == "name":
+            if begins and token.kind == "name" and token.text in ("Include", "Merge"):
                 yield from self.of_included(words, depth, token.line)
                 continue
-            if token.kind == "name":
-                self.check_name(words, token, before)
-            self.line = max(self.line, token.line) if not words.file else self.line
-            yield token._replace(line=self.line, text=" ".join(token.text.split("\n")))
+            yield token._replace(line=self.line), where
             ended = token.kind == "name" and token.text in ("EndFor", "EndIf", "Else", "Return")
             begins = token.text in (";", "}", ")") or ended or before in ("Macro", "Function")
             before = token.text if token.kind == "name" else ""
 
-    def left_out(self, words: Words, token: Token) -> bool:
-        """Whether a statement has nothing to do with geometry; then it was passed."""
-        second = words.next.text
-        if token.text in OPTIONS and second in (".", "["):
-            mark = words.mark()
-            words.take()
-            if token.text == "Geometry" and words.next.text in KEPT_OPTIONS:
-                words.jump(mark)
-                return False
-            words.skip_statement()
-            return True
-        if token.text == "Merge" and words.next.kind == "text" and words.next.text[1:-1].lower().endswith(".pos"):
-            words.skip_statement()
-            return True
-        if token.text in PASSED_OVER - ALLOWED and second not in ASSIGNING:
-            words.skip_statement()
-            return True
-        return False
-
-    def of_included(self, words: Words, depth: int, line: int) -> Iterator[Token]:
+    def of_included(self, words: Words, depth: int, line: int) -> Iterator[Word]:
         """The words of an included file."""
         token = words.take()
-        path = included_file(self.folder, words.file, token.text[1:-1]) if token.kind == "text" else None
-        if path is None:
-            raise words.fault(f"{token.text[:60]!r} lies outside the script's folder; put it there", line)
+        if token.kind != "text" or token.text[1:-1].lower().endswith(BINARY):
+            raise words.fault(f"{token.text[:60]!r} is not read; save the mesh from Gmsh as .msh", line)
         words.taken(";")
-        try:
-            check_file(path, MOST_INCLUDED)
-            text = text_of(path, errors="replace")
-        except DomainError as error:
-            raise words.fault(f"Include: {error}", line) from None
-        self.included += len(text)
-        if self.included > MOST_INCLUDED or depth >= DEPTH:
-            raise words.fault("too many included files, or files that include themselves; put them into one", line)
-        inner = Words(text, words.source)
-        inner.jump(Mark(text, str(path.relative_to(self.folder.resolve())), 0, 1))
+        if depth >= DEPTH:
+            raise words.fault(f"more than {DEPTH} files that include each other; put them into one", line)
+        inside = included(self.path.parent, words, token.text[1:-1], line)
+        self.count(inside.text, words)
+        inner = Words(inside.text, words.source)
+        inner.jump(inside)
         yield from self.kept(inner, depth + 1)
 
-    def check_name(self, words: Words, token: Token, before: str) -> None:
-        """Refuse a name that is neither known to be harmless nor set by the script."""
-        name, second = token.text, words.next
-        if name not in REFUSED:
-            if second.text in (*ASSIGNING, "[", "(", "~") or before in ("For", "Macro", "Function", "Call"):
-                self.names.add(name)
-            if name in ALLOWED or name in ATTRIBUTES or name in self.names:
-                if second.kind != "text" or name in ("Macro", "Function", "Call", *ATTRIBUTES):
-                    return
-            elif second.kind == "sign" and second.text in (",", "]", "}", ")", ";", "="):
-                return  # at most a name that Gmsh does not know either
-        raise words.fault(f"{name[:40]!r} is not given to Gmsh; save the mesh from Gmsh as .msh", token.line)
+
+def left_out(words: Words, token: Token) -> bool:
+    """Whether a statement, whose first word was taken, has nothing to do with geometry; then it was passed."""
+    second = words.next
+    if token.text in OPTIONS and second.text in (".", "["):
+        mark = words.mark()
+        words.take()
+        if token.text == "Geometry" and words.next.text in KEPT_OPTIONS:
+            words.jump(mark)
+            return False
+    elif token.text == "Merge":
+        if second.kind != "text" or not second.text[1:-1].lower().endswith(".pos"):
+            return False
+    elif token.text not in LEFT_OUT or second.text in ASSIGNING:
+        return False
+    words.skip_statement()
+    return True
+
+
+def names_set(words: list[Word]) -> set[str]:
+    """The names that a script sets: variables, lists, macros."""
+    found = set()
+    for (token, _), (second, _) in itertools.pairwise(words):
+        if token.kind == "name" and second.kind == "sign" and second.text in (*ASSIGNING, "[", "(", "~"):
+            found.add(token.text)
+        elif token.text in ("For", "Macro", "Function", "Call") and second.kind == "name":
+            found.add(second.text)
+    return found - REFUSED
+
+
+def harmless(name: str, second: Token, set_here: set[str]) -> bool:
+    """Whether a name is one of a geometry's, or of the script itself.
+
+    A name and a text behind it is a command. A name that the script does not set is at most unknown to Gmsh, too,
+    where no command can be: before a comma or the end of something.
+    """
+    if name in REFUSED or (second.kind == "text" and name not in (*BEFORE_TEXT, *ATTRIBUTES)):
+        return False
+    ends = second.kind == "sign" and second.text in (",", "]", "}", ")")
+    return name in ALLOWED or name in ATTRIBUTES or name in set_here or ends
 
 
 def answer_of(script: str, source: str) -> dict[str, Any]:
@@ -218,7 +258,7 @@ def answer_of(script: str, source: str) -> dict[str, Any]:
             f"{source}: Gmsh cannot be loaded ({excerpt(found['unavailable'], 120)}); install what it needs"
         )
     if "error" in found:
-        said = found["error"].removeprefix("Error").lstrip(" :").replace(f"'{file}', ", "")
+        said = found["error"].replace(f"'{file}', ", "") or "nothing, and failed"
         raise DomainError(f"{source}: Gmsh says: {excerpt(said, 160)}; correct the script")
     return found
 

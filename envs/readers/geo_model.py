@@ -189,7 +189,7 @@ class Model:
         return list(found)
 
     def move(self, shapes: Sequence[Shape], moved: Callable[[Floats], Floats]) -> None:
-        """Move the points of shapes, by a function of (n, 3) places; what then lies on other points is one with them."""
+        """Move the points of shapes, by a function of (n, 3) places; what then lies on others is one with them."""
         tags = self.points_of(shapes)
         if tags:
             places = moved(np.array([self.points[tag] for tag in tags], dtype=np.float64))

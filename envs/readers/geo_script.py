@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator
 
 from envs.polygons.rings import MOST_VERTICES
+from envs.readers.geo_passed_over import OPTIONS
 from envs.readers.geo_words import Mark, NotReadError, Words
 
 FUNCTIONS: dict[str, Callable[..., float]] = {
@@ -40,9 +41,6 @@ TEXT_FUNCTIONS = ("Str", "StrCat", "Sprintf")
 
 #: What a text may say of how a number is written in it.
 FORMAT = re.compile(r"%[-+ 0]?\d{0,2}(?:\.\d{1,2})?l?([dgfeiu])|%%")
-
-#: Options of Gmsh have names that begin like this: what they are set to is passed over, what they are is not known.
-OPTIONS = frozenset(("Mesh", "General", "Solver", "PostProcessing", "Print", "Geometry", "View", "Field", "Plugin"))
 
 CLOSING = {"(": ")", "[": "]", "{": "}"}
 

@@ -133,8 +133,9 @@ def rotation(script: Script) -> Callable[[Floats], Floats]:
 def reflection(script: Script) -> Callable[[Floats], Floats]:
     """``{a, b, c, d}``: in the plane a x + b y + c z + d = 0."""
     values = script.numbers()
-    normal, off = np.array(values[:3]), values[3] if len(values) == 4 else np.nan
-    square = float(normal @ normal) if len(values) == 4 else 0.0
+    sound = len(values) in (3, 4)
+    normal, off = np.array(values[:3]), (*values, 0.0)[3] if sound else 0.0
+    square = float(normal @ normal) if sound else 0.0
     if not square > 0.0:
         raise script.fault("a symmetry needs a plane, {a, b, c, d}; correct the statement")
     return lambda places: places - 2.0 * ((places @ normal + off) / square)[:, None] * normal

@@ -9,64 +9,31 @@ reads other files is refused, and of what is left `NotReadError` says that it is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
-from envs.polygons.rings import check_count
-from envs.readers.geo_curves import LEAST_POINTS, MOST_BEZIER
-from envs.readers.geo_model import CURVE, POINT, SURFACE, Curve, Model
-from envs.readers.geo_script import CLOSING, DEPTH, OPTIONS, Script
-from envs.readers.geo_shapes import DIMENSIONS, OPERATIONS, all_tags, known, listed, operated, shapes_of
+from envs.readers.geo_assignment import assignment, constants, option
+from envs.readers.geo_definitions import (
+    DEFINITIONS,
+    TWO_WORDS,
+    coherence,
+    compound,
+    deleted,
+    embed,
+    factory,
+    new_model,
+    point_sizes,
+    recursive,
+    transfinite,
+    volume,
+)  # fmt: skip
+from envs.readers.geo_included import MOST_INCLUDED, included
+from envs.readers.geo_model import Model
+from envs.readers.geo_passed_over import ASSIGNING, OPTIONS, PASSED_OVER, REFUSED
+from envs.readers.geo_reader import Reader
+from envs.readers.geo_script import DEPTH, Script
+from envs.readers.geo_shapes import DIMENSIONS, OPERATIONS, all_tags, known, operated
 from envs.readers.geo_words import Mark
-from envs.readers.source import check_file, text_of
-from envs.types import DomainError
-
-#: Statements that leave the outline as it is.
-PASSED_OVER = frozenset((
-    "Mesh", "General", "Solver", "PostProcessing", "View", "Print", "Printf", "Color", "Recombine", "Characteristic",
-    "MeshSize", "Field", "Background", "BoundaryLayer", "Reverse", "ReverseMesh", "Show", "Hide", "Smoother",
-    "Periodic", "Compound", "Save", "Draw", "UnitVector", "SyncModel", "Error", "Warning", "MeshAlgorithm",
-    "MeshSizeFromBoundary", "RefineMesh", "RecombineMesh", "RelocateMesh", "OptimizeMesh", "PartitionMesh",
-    "RenumberMeshNodes", "RenumberMeshElements", "ReorientMesh", "SetOrder", "SetPartition", "Plugin", "Combine",
-    "Alias", "AliasWithOptions", "CopyOptions", "UndefineConstant", "SetNumber", "SetString", "SetName",
-    "BoundingBox", "Slide", "Sleep", "SetChanged", "UnsplitWindow", "Homology", "Cohomology", "TransformMesh",
-    "CreateTopology", "ClassifySurfaces", "CreateGeometry", "CreateDir", "SetCurrentWindow", "Adapt", "AdaptMesh",
-))  # fmt: skip
-
-#: Statements that run programs or read files of other kinds.
-REFUSED = frozenset((
-    "SystemCall", "NonBlockingSystemCall", "System", "OnelabRun", "OnelabAction", "Open", "Merge",
-    "MergeWithBoundingBox", "ShapeFromFile", "ListFromFile", "GetEnv", "Parse", "StringToName", "S2N", "FileExists",
-))  # fmt: skip
-
-#: Bytes of included files at most, each counted as often as it is read.
-MOST_INCLUDED = 20_000_000
-
-#: Curves that Gmsh's own kernel and OpenCASCADE draw differently through the same points.
-KERNELS_DIFFER = ("Spline", "BSpline", "Bezier")
-
-ASSIGNING = ("=", "+=", "-=", "*=", "/=", "++", "--")
-
-
-@dataclass
-class Reader:
-    """A script being read into a model.
-
-    Attributes:
-        script: it.
-        model: what it defined so far.
-        folder: of the script: files that it includes lie below.
-        factory: the kernel that it asks for.
-        included: bytes of included files so far.
-        blocks: loops, tests, macros and included files in each other.
-    """
-
-    script: Script
-    model: Model
-    folder: Path
-    factory: str = "Built-in"
-    included: int = 0
-    blocks: int = 0
+from envs.readers.source import text_of
 
 
 def model_of(path: Path) -> Model:
@@ -96,6 +63,8 @@ def query(reader: Reader, name: str) -> list[float]:
     """The list that ``Boundary{...}``, ``Translate ...``, ``Curve{:}`` or ``Point{tag}`` stand for."""
     script, model = reader.script, reader.model
     if name in OPERATIONS:
+        if reader.factory == "OpenCASCADE":
+            raise script.not_read(name)  # it numbers and orders in another way
         return [float(tag) for _, tag in operated(script, model, name)]
     if script.next.text != "{":
         raise script.not_read(name)
@@ -134,7 +103,7 @@ def read_block(reader: Reader, endings: tuple[str, ...]) -> str:
 
 def statement(reader: Reader) -> None:
     """Take one statement into the model."""
-    script, model = reader.script, reader.model
+    script = reader.script
     script.depth = 0
     if script.taken(";"):
         return
@@ -145,13 +114,16 @@ def statement(reader: Reader) -> None:
     if word in FLOW:
         FLOW[word](reader)
         return
+    if word == "Compound":
+        compound(reader)
+        return
     if word in DIMENSIONS and second == "{":
         embed(reader, DIMENSIONS[word])
     elif word in DEFINITIONS and (second == "(" or (word, second) in TWO_WORDS):
         DEFINITIONS[word](reader, word, token.line)
         return
     elif word in OPERATIONS:
-        operated(script, model, word)
+        query(reader, word)
         script.taken(";")
         return
     elif (word, second) == ("MeshSize", "{") or (word, second) == ("Characteristic", "Length"):
@@ -177,378 +149,8 @@ def statement(reader: Reader) -> None:
     script.expect(";")
 
 
-def tag_of(script: Script) -> int:
-    """The tag in parentheses, and the equals sign."""
-    script.expect("(")
-    tag = script.whole()
-    script.expect(")")
-    script.expect("=")
-    return tag
-
-
-def point(reader: Reader, word: str, line: int) -> None:
-    """``Point(tag) = {x, y, z, size};``."""
-    script, model = reader.script, reader.model
-    tag = tag_of(script)
-    coordinates = script.numbers()
-    if len(coordinates) < 2:
-        raise script.fault("a point needs x, y and z; correct the statement")
-    x, y, z = (*coordinates[:3], 0.0)[:3]
-    model.points[tag] = (x + 0.0, y + 0.0, z + 0.0)
-    model.state_size([tag], coordinates[3] if len(coordinates) > 3 else float("inf"))
-    script.expect(";")
-
-
-def curve(reader: Reader, word: str, line: int) -> None:
-    """``Circle(tag) = {points};`` and the like, or a loop of curves."""
-    script, model = reader.script, reader.model
-    if script.taken("Loop"):
-        tag = tag_of(script)
-        model.loops[tag] = known(script, script.tags(), model.curves, "curve")
-        script.expect(";")
-        return
-    name = {"Ellipsis": "Ellipse", "CatmullRom": "Spline", "Curve": "Line"}.get(word, word)
-    tag = tag_of(script)
-    values = script.numbers() if script.next.text == "{" else script.item()
-    if reader.factory == "OpenCASCADE" and len(values) > {"Circle": 3, "Ellipse": 4}.get(name, len(values)):
-        raise script.not_read(name, line)  # by a centre and radii
-    points = known(script, script.as_tags(values), model.points, "point", signed=False)
-    least = LEAST_POINTS[name]
-    if name == "Bezier" and len(points) > MOST_BEZIER:
-        raise script.fault(f"a Bezier of {len(points)} points, at most {MOST_BEZIER} are possible; split the curve")
-    if name == "Ellipse" and points[1] == points[-2] and len(points) == 4:
-        raise script.not_read("an Ellipse whose axis has no length", line)
-    if len(points) < least or (name == "Circle" and len(points) != 3):
-        raise script.fault(f"a {name} of {len(points)} points, {least} are needed; correct the statement")
-    if reader.factory == "OpenCASCADE" and name in KERNELS_DIFFER and len(points) > 2:
-        model.replaceable = model.replaceable or script.where(line)
-    model.curves[tag] = Curve(name, tuple(points), line)
-    if script.next.text == "Plane":
-        script.skip_statement()
-        return
-    script.expect(";")
-
-
-def surface(reader: Reader, word: str, line: int) -> None:
-    """``Plane Surface(tag) = {loops};``; other surfaces, whose boundary must then be in the plane, too."""
-    script, model = reader.script, reader.model
-    script.taken("Surface")
-    if script.taken("Loop"):
-        model.shells[tag_of(script)] = None
-        script.skip_statement()
-        return
-    tag = tag_of(script)
-    loops = [abs(t) for t in known(script, script.tags(), model.loops, "loop")]
-    model.surfaces[tag] = [edge for loop in loops for edge in model.loops[loop]]
-    script.counted([0.0] * len(model.surfaces[tag]))
-    if script.next.text in ("In", "Using"):
-        script.skip_statement()
-        return
-    script.expect(";")
-
-
-def physical(reader: Reader, word: str, line: int) -> None:
-    """``Physical Curve("name", 7) = {tags};``, or ``+=`` and ``-=``."""
-    script, model = reader.script, reader.model
-    kind = script.take().text
-    if kind not in DIMENSIONS:
-        raise script.not_read(f"{word} {kind}", line)
-    dimension = DIMENSIONS[kind]
-    script.expect("(")
-    name = script.text() if script.is_text() else ""
-    number = script.whole() if not name or script.taken(",") else None
-    script.expect(")")
-    group = model.group(dimension, name, number)
-    operator = script.take().text
-    if operator not in ("=", "+=", "-="):
-        raise script.fault(f"{operator[:40]!r} where '=' is needed; correct the statement")
-    everything = all_tags(script, model, dimension)
-    tags = script.tags() if everything is None else everything
-    if operator == "-=":
-        gone = {abs(tag) for tag in tags}
-        group.members = [tag for tag in group.members if abs(tag) not in gone]
-    else:
-        group.members += tags
-    script.expect(";")
-
-
-#: What a number in parentheses follows, or a second word.
-DEFINITIONS = {
-    "Point": point, "Line": curve, "Curve": curve, "Circle": curve, "Ellipse": curve, "Ellipsis": curve,
-    "Spline": curve, "CatmullRom": curve, "BSpline": curve, "Bezier": curve, "Plane": surface, "Ruled": surface,
-    "Surface": surface, "Physical": physical,
-}  # fmt: skip
-TWO_WORDS = {
-    ("Line", "Loop"), ("Curve", "Loop"), ("Plane", "Surface"), ("Ruled", "Surface"), ("Surface", "Loop"),
-    *(("Physical", kind) for kind in DIMENSIONS),
-}  # fmt: skip
-
-
-def embed(reader: Reader, dimension: int) -> None:
-    """``Curve{tags} In Surface{tag};``."""
-    script, model = reader.script, reader.model
-    tags = [abs(tag) for tag in listed(script, model, dimension)]
-    script.expect("In")
-    if script.taken("Volume"):
-        script.tags()
-        return
-    script.expect("Surface")
-    listed(script, model, SURFACE)
-    if dimension == POINT:
-        model.embedded_points += tags
-    elif dimension == CURVE:
-        model.embedded_curves += tags
-
-
-def point_sizes(reader: Reader) -> bool:
-    """``MeshSize {tags} = size``; False where it asks for the points of something else, and was passed over."""
-    script, model = reader.script, reader.model
-    everything = script.taken("{") and script.taken(":")
-    following = script.next
-    named = following.kind == "name" and following.text not in (*script.variables, *script.queries, *script.counters)
-    if named or (everything and following.text != "}"):
-        while script.next.text != "=" and script.next.kind != "end":
-            script.take()
-        script.skip_statement()
-        return False
-    if everything:
-        script.expect("}")
-        tags = list(model.points)
-        script.counted([0.0] * len(tags))
-    else:
-        tags = [tag for tag in script.tags(opened=True) if tag in model.points]
-    script.expect("=")
-    model.state_size(tags, script.number())
-    return True
-
-
-def assignment(reader: Reader, name: str, line: int) -> None:
-    """``name = value``, ``name[] = {list}``, ``name[i] = value``, ``+=`` and the like, ``++`` and ``--``."""
-    script = reader.script
-    name = script.variable_name(name)
-    places: list[int] | None = None
-    whole = False
-    if script.next.text in ("[", "("):
-        if name in OPERATIONS or (name not in script.variables and script.next.text == "(" and not is_list(script)):
-            raise script.not_read(name, line)
-        closing = CLOSING[script.take().text]
-        whole = script.next.text == closing
-        if not whole:
-            places = script.tags()
-        script.expect(closing)
-    operator = script.take().text
-    if operator not in ASSIGNING:
-        raise script.not_read(name, line)
-    if operator == "=" and script.is_text() and places is None:
-        script.texts[name] = script.text()
-        script.variables.pop(name, None)
-        return
-    values = [1.0] if operator in ("++", "--") else script.numbers() if script.next.text == "{" else script.item()
-    operator = {"++": "+=", "--": "-="}.get(operator, operator)
-    if places is not None:
-        put(reader, name, places, operator, values)
-    elif operator == "=":
-        script.variables[name] = values
-        script.texts.pop(name, None)
-    elif whole or len(script.variables.get(name, [])) != 1 or len(values) != 1:
-        changed_list(reader, name, operator, values)
-    else:
-        script.variables[name] = [changed(script, script.variables[name][0], operator, values[0])]
-
-
-def is_list(script: Script) -> bool:
-    """Whether empty parentheses and then an assignment come next."""
-    mark = script.mark()
-    script.take()
-    found = script.taken(")") and script.next.text in ASSIGNING
-    script.jump(mark)
-    return found
-
-
-def changed_list(reader: Reader, name: str, operator: str, values: list[float]) -> None:
-    """``name[] += {list}`` or ``-=``."""
-    script = reader.script
-    if name not in script.variables and operator != "+=":
-        raise script.fault(f"{name[:40]!r} is not set before; give it a value first")
-    before = script.variables.setdefault(name, [])
-    if operator == "+=":
-        before += script.counted(values)
-    elif operator == "-=":
-        script.counted(before)
-        gone = set(values)
-        script.variables[name] = [value for value in before if value not in gone]
-    else:
-        raise script.fault(f"{operator!r} of a list; use += or -=")
-
-
-def put(reader: Reader, name: str, places: list[int], operator: str, values: list[float]) -> None:
-    """``name[i] = value``: the list becomes as long as it needs to."""
-    script = reader.script
-    if len(places) != len(values):
-        raise script.fault(f"{len(values)} values for {len(places)} places; correct the statement")
-    held = script.variables.setdefault(name, [])
-    for place, value in zip(places, values, strict=True):
-        if place < 0:
-            raise script.fault(f"{name[:40]}[{place}] is no place in a list; correct the index")
-        if place >= len(held):
-            check_count(place, script.where())
-            held += script.counted([0.0] * (place + 1 - len(held)))
-        held[place] = changed(script, held[place], operator, value)
-
-
-def changed(script: Script, before: float, operator: str, value: float) -> float:
-    """A number after ``=``, ``+=`` and the like."""
-    if operator == "=":
-        return value
-    if operator == "/=" and value == 0.0:
-        raise script.fault("a division by zero; correct the expression")
-    return {"+=": before + value, "-=": before - value, "*=": before * value}.get(operator) or (
-        before / value if operator == "/=" else 0.0
-    )
-
-
-def option(reader: Reader, word: str) -> None:
-    """``Mesh.Algorithm = 6;`` and the like: passed over, but for what changes the tags of what follows."""
-    script, model = reader.script, reader.model
-    script.take()
-    name = script.next.text
-    if word != "Geometry" or name not in ("OldNewReg", "AutoCoherence"):
-        script.skip_statement()
-        return
-    script.take()
-    script.expect("=")
-    on = script.number() != 0.0
-    script.expect(";")
-    if name == "OldNewReg":
-        model.old_numbers = on
-    else:
-        model.auto_coherence = on
-
-
-def constants(reader: Reader) -> None:
-    """``DefineConstant[ name = value, name = {value, Name "..."} ];``: the values, unless they are set already."""
-    script = reader.script
-    closing = CLOSING.get(script.take().text)
-    if closing is None:
-        raise script.fault("DefineConstant needs brackets; correct the statement")
-    while not script.taken(closing):
-        name = script.variable_name()
-        whole = script.taken("(") or script.taken("[")
-        if whole:
-            script.take()
-        if script.taken("="):
-            braced = script.taken("{")
-            if script.is_text():
-                script.texts.setdefault(name, script.text())
-            else:
-                values = script.numbers() if script.next.text == "{" else script.item()
-                script.variables.setdefault(name, values)
-            if braced:
-                skip_braces(script)
-        else:
-            script.variables.setdefault(name, [0.0])
-        if script.next.text != closing:
-            script.expect(",")
-    script.expect(";")
-
-
-def skip_braces(script: Script) -> None:
-    """Pass everything to the brace that closes the one that was passed."""
-    depth = 1
-    while depth:
-        token = script.take()
-        if token.kind == "end":
-            raise script.fault("a brace that does not close; add '}'")
-        if token.kind == "sign":
-            depth += (token.text == "{") - (token.text == "}")
-
-
-def transfinite(reader: Reader) -> None:
-    """``Transfinite Curve {tags} = points [Using Progression ratio]``; of surfaces it says nothing about outlines."""
-    script, model = reader.script, reader.model
-    if script.next.text not in ("Line", "Curve"):
-        script.skip_statement()
-        return
-    script.take()
-    line = script.next.line
-    everything = all_tags(script, model, CURVE)
-    tags = known(script, script.tags(), model.curves, "curve") if everything is None else everything
-    script.expect("=")
-    points = script.whole()
-    if not points >= 2:
-        raise script.fault(f"a transfinite curve of {points} points, at least 2 are needed; correct the statement")
-    check_count(points, script.where(line))
-    law, ratio = "Progression", 1.0
-    if script.taken("Using"):
-        law = script.take().text
-        law = {"Power": "Progression"}.get(law, law)
-        ratio = script.number()
-    script.expect(";")
-    for tag in tags:
-        # Against a curve's direction the sizes shrink by what they grow by along it.
-        model.counts[abs(tag)] = (points - 1, law, ratio if tag > 0 or not ratio else 1.0 / ratio)
-
-
-def factory(reader: Reader) -> None:
-    """``SetFactory("Built-in");``."""
-    script = reader.script
-    script.expect("(")
-    reader.factory = script.text()
-    script.expect(")")
-    script.expect(";")
-
-
-def deleted(reader: Reader, recursive: bool = False) -> None:
-    """``Delete { Surface{1}; }``, or of physical groups or the mesh."""
-    script, model = reader.script, reader.model
-    if script.next.text == "{":
-        try:
-            model.delete(shapes_of(script, model), recursive)
-        except ValueError as error:
-            raise script.fault(f"{error}; simplify the script") from None
-        script.taken(";")
-        return
-    what = script.take().text
-    if what == "Physicals":
-        model.groups.clear()
-    elif what not in ("Mesh", "Meshes", "Options", "Field", "View", "EmptyViews"):
-        raise script.not_read(f"Delete {what}")
-    script.skip_statement()
-
-
-def recursive(reader: Reader) -> None:
-    """``Recursive Delete { ... }``."""
-    if not reader.script.taken("Delete"):
-        reader.script.skip_statement()  # colours and what is shown
-        return
-    deleted(reader, recursive=True)
-
-
-def coherence(reader: Reader) -> None:
-    """``Coherence;``: points at one place become one, then curves."""
-    script = reader.script
-    if script.taken("Mesh"):
-        script.expect(";")
-        return
-    script.taken("Geometry")
-    if script.next.text != ";" or reader.factory == "OpenCASCADE":
-        raise script.not_read("Coherence")
-    try:
-        reader.model.make_coherent()
-    except ValueError as error:
-        raise script.fault(f"{error}; simplify the script") from None
-    script.expect(";")
-
-
-def new_model(reader: Reader) -> None:
-    """``NewModel;``, where there is none yet."""
-    if reader.model.points:
-        raise reader.script.not_read("NewModel")
-    reader.script.expect(";")
-
-
 def merge(reader: Reader) -> None:
-    """``Merge "script.geo";``, as Include; of ``"sizes.pos"`` a note says that it is not read; other files are refused."""
+    """``Merge "script.geo";``, as Include; a note says that ``"sizes.pos"`` is not read; other files are refused."""
     script = reader.script
     line = script.next.line
     mark = script.mark()
@@ -563,11 +165,6 @@ def merge(reader: Reader) -> None:
         )
     reader.model.notes.append(f"{script.where(line)}: the sizes of {name[:40]} are not read; use --size {name[:40]}")
     script.expect(";")
-
-
-def volume(reader: Reader) -> None:
-    """Refuse a solid."""
-    raise reader.script.fault("a volume; give plane surfaces alone")
 
 
 STATEMENTS = {
@@ -663,35 +260,17 @@ def include(reader: Reader) -> None:
     line = script.next.line
     name = script.text()
     script.taken(";")
-    path = included_file(reader.folder, script.file, name)
-    if path is None:
-        raise script.fault(f"{name[:60]!r} lies outside the script's folder; put it there", line)
-    try:
-        check_file(path, MOST_INCLUDED)
-        text = text_of(path, errors="replace")
-    except DomainError as error:
-        raise script.fault(f"Include: {error}", line) from None
-    reader.included += len(text)
+    inside = included(reader.folder, script, name, line)
+    reader.included += len(inside.text)
     reader.blocks += 1
     if reader.included > MOST_INCLUDED or reader.blocks > DEPTH:
         raise script.fault("too many included files, or files that include themselves; put them into one", line)
     behind = script.mark()
-    script.jump(Mark(text, str(path.relative_to(reader.folder.resolve())), 0, 1))
+    script.enter(inside)
     read_all(reader)
     reader.blocks -= 1
     if not script.ended:
         script.jump(behind)
-
-
-def included_file(folder: Path, file: str, name: str) -> Path | None:
-    """The file that a script, or one included by it, means by a name; None: it lies outside the script's folder."""
-    top = folder.resolve()
-    try:
-        path = (top / file).parent / name if file else top / name
-        path = path.resolve()
-    except (OSError, ValueError, RuntimeError):  # no such path can be
-        return None
-    return path if path.is_relative_to(top) else None
 
 
 def leave(reader: Reader) -> None:

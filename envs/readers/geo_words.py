@@ -65,6 +65,11 @@ class Words:
         self._text, self.file, self._at, self._line = mark
         self.next = self._read()
 
+    def enter(self, mark: Mark) -> None:
+        """Go to the beginning of another file, whose words may be read once more."""
+        self._left += len(mark.text)
+        self.jump(mark)
+
     def fault(self, what: str, line: int | None = None) -> DomainError:
         """The error for what is wrong on a line, without one at the next word."""
         return DomainError(f"{self.where(line)}: {what}")

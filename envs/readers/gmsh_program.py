@@ -8,9 +8,11 @@ import json
 import os
 import resource
 import sys
+from types import ModuleType
+from typing import Any
 
 #: Bytes of addresses, seconds of processor time.
-MOST_BYTES, MOST_SECONDS = 6_000_000_000, 60
+MOST_BYTES, MOST_SECONDS = 4_000_000_000, 60
 
 #: Samples of a curve at first, and at most.
 SAMPLES, MOST_SAMPLES = 17, 4097
@@ -22,27 +24,35 @@ ACCURATE = 1e-9
 MOST_TOTAL = 2_000_000
 
 
-def loaded(file):
+def loaded(file: str) -> ModuleType:
     """Gmsh's module from its file."""
     spec = importlib.util.spec_from_file_location("gmsh", file)
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def confine():
-    """Take away what Gmsh does not need: memory, time, programs, and every file but one at a time, the script's."""
-    in_use = len(os.listdir("/proc/self/fd")) - 1
+def confine(answer: int) -> None:
+    """Take away what Gmsh does not need: memory, time, programs, and all files but one at a time, the script's.
+
+    Args:
+        answer: the descriptor of what is written at the end, 3.
+    """
+    os.closerange(answer + 1, max(map(int, os.listdir("/proc/self/fd"))) + 1)
     for limit, most in (
         (resource.RLIMIT_AS, MOST_BYTES),
         (resource.RLIMIT_CPU, MOST_SECONDS),
         (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_NOFILE, in_use + 1),
+        (resource.RLIMIT_FSIZE, 0),
+        (resource.RLIMIT_NPROC, 0),
+        (resource.RLIMIT_NOFILE, answer + 2),
     ):
         resource.setrlimit(limit, (most, most))
 
 
-def samples(gmsh, tag):
+def samples(gmsh: Any, tag: int) -> dict[str, list[float]]:
     """Parameters, places and derivatives along a curve, so many that cubics between them are close."""
     (low,), (high,) = gmsh.model.getParametrizationBounds(1, tag)
     n = SAMPLES
@@ -65,11 +75,11 @@ def samples(gmsh, tag):
         n = 2 * n - 1
 
 
-def described(gmsh):
+def described(gmsh: Any) -> dict[str, Any]:
     """What a model holds, in numbers and texts."""
     model = gmsh.model
     points = [tag for _, tag in model.getEntities(0)]
-    found = {
+    found: dict[str, Any] = {
         "points": {tag: list(model.getValue(0, tag, [])) for tag in points},
         "sizes": dict(zip(points, model.mesh.getSizes([(0, tag) for tag in points]), strict=True)),
         "volumes": len(model.getEntities(3)),
@@ -82,7 +92,7 @@ def described(gmsh):
     for _, tag in model.getEntities(1):
         ends = [abs(point) for _, point in model.getBoundary([(1, tag)], combined=False, oriented=True)]
         kind = model.getType(1, tag)
-        curve = {"kind": kind, "ends": ends}
+        curve: dict[str, Any] = {"kind": kind, "ends": ends}
         if kind != "Line" or len(ends) != 2:
             curve |= samples(gmsh, tag)
             total += len(curve["at"])
@@ -100,11 +110,23 @@ def described(gmsh):
     return found
 
 
-def main():
+def read(gmsh: Any, script: str) -> dict[str, Any]:
+    """What a script defines, or the first error."""
+    try:
+        gmsh.open(script)
+        found = described(gmsh)
+    except Exception as error:
+        found = {"error": str(error)}
+    errors = [line.removeprefix("Error: ") for line in gmsh.logger.get() if line.startswith("Error")]
+    return {"error": errors[0]} if errors else found
+
+
+def main() -> None:
     """Read, within the limits."""
     module, script = sys.argv[1:]
-    answer = os.dup(1)
+    answer = os.dup2(1, 3)
     os.dup2(2, 1)  # what Gmsh prints is none of the answer
+    found: dict[str, Any]
     try:
         gmsh = loaded(module)
         gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -114,14 +136,8 @@ def main():
     except Exception as error:
         found = {"unavailable": str(error)}
     else:
-        confine()
-        try:
-            gmsh.open(script)
-            errors = [line for line in gmsh.logger.get() if line.startswith("Error")]
-            found = {"error": errors[0]} if errors else described(gmsh)
-        except Exception as error:
-            errors = [line for line in gmsh.logger.get() if line.startswith("Error")]
-            found = {"error": errors[0] if errors else str(error)}
+        confine(answer)
+        found = read(gmsh, script)
     with os.fdopen(answer, "w", encoding="utf-8") as out:
         json.dump(found, out)
     os._exit(0)  # at once: what Gmsh does at its end, too, is none of the answer
