@@ -16,7 +16,9 @@ import numpy as np
 from envs.mdp.size_field import SizeField
 from envs.mesh import Mesh
 from envs.quality import convex_quality
+from envs.types import Ints
 from freemesh_ray.finish.cleanup import FLOOR, clean_up
+from freemesh_ray.finish.along_lines import closed, given_vertices, open_along
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
 from freemesh_ray.finish.optimiser import NO_SIZES, descend, descent
 from freemesh_ray.finish.refill import EFFORTS, USUAL, Effort, refill
@@ -50,7 +52,14 @@ class Finished:
 
 
 def finish(
-    mesh: Mesh, wanted: SizeField = NO_SIZES, *, smooth: bool = True, clean: bool = True, effort: str = USUAL
+    mesh: Mesh,
+    wanted: SizeField = NO_SIZES,
+    *,
+    lines: Ints | None = None,
+    held: Ints | None = None,
+    smooth: bool = True,
+    clean: bool = True,
+    effort: str = USUAL,
 ) -> Finished:
     """Improve a complete mesh.
 
@@ -60,6 +69,9 @@ def finish(
     Args:
         mesh: without defects.
         wanted: edge lengths, which elements are held to; by default none are.
+        lines: (l, 2) int64, edges inside that stay, with their vertices; by default none.
+        held: (h,) int64, vertices inside that stay; by default none. Like the boundary's and those of lines they come
+            before the others.
         smooth: move interior vertices.
         clean: change the connectivity where that makes elements better; interior vertices nearby move with it.
         effort: how much is tried to fill patches anew, a key of ``EFFORTS``; nothing without ``clean``.
@@ -69,45 +81,65 @@ def finish(
     """
     if effort not in EFFORTS:
         raise ValueError(f"effort = {effort!r}: use one of {', '.join(EFFORTS)}")
-    best = cleaned(mesh, wanted, smooth, clean)
+    keep = np.zeros(0, dtype=np.int64) if held is None else held
+    if lines is None or not len(lines):
+        return _finished(mesh, wanted, keep, smooth, clean, effort)
+    # Open along the lines, whose sides are boundary then, it is a mesh like any other.
+    cut = open_along(mesh, lines, keep)
+    result = _finished(cut.mesh, wanted, keep, smooth, clean, effort)
+    return replace(result, mesh=closed(result.mesh, cut, mesh))
+
+
+def _finished(mesh: Mesh, wanted: SizeField, held: Ints, smooth: bool, clean: bool, effort: str) -> Finished:
+    """What `finish` does, of a mesh without lines."""
+    best = cleaned(mesh, wanted, held, smooth, clean)
     if not clean:
         return best
     given = best
     for ways in range(2 if EFFORTS[effort].both else 1):
-        other = refilled(given, wanted, EFFORTS[effort], ways, smooth)
+        other = refilled(given, wanted, held, EFFORTS[effort], ways, smooth)
         if other.patches and no_worse(mesh, other.mesh) and better(best.mesh, other.mesh):
             best = other
     return best
 
 
-def cleaned(mesh: Mesh, wanted: SizeField, smooth: bool, clean: bool) -> Finished:
+def cleaned(mesh: Mesh, wanted: SizeField, held: Ints, smooth: bool, clean: bool) -> Finished:
     """A mesh cleaned up and smoothed; the mesh itself if that makes it worse."""
-    work = build(mesh.vertices, mesh.quads, mesh.on_boundary)
+    work = build(mesh.vertices, mesh.quads, fixed(mesh, held), mesh.on_boundary)
     if smooth:
         relax(work, wanted, False, FIRST_STEPS)
     sequences = clean_up(work, wanted) if clean else 0
     if smooth:
         relax(work, wanted, False, STEPS)
         relax(work, wanted, True, SHARP_STEPS)
-    vertices, quads = compact(work, int(mesh.segments.max()) + 1)
+    vertices, quads = compact(work, given_vertices(mesh, held))
     finished = replace(mesh, vertices=vertices, quads=quads)
     if no_worse(mesh, finished):
         return Finished(finished, sequences)
-    return cleaned(mesh, wanted, smooth, False) if smooth and clean else Finished(mesh, 0)
+    return cleaned(mesh, wanted, held, smooth, False) if smooth and clean else Finished(mesh, 0)
 
 
-def refilled(before: Finished, wanted: SizeField, effort: Effort, ways: int, smooth: bool) -> Finished:
+def refilled(
+    before: Finished, wanted: SizeField, held: Ints, effort: Effort, ways: int, smooth: bool
+) -> Finished:
     """A finished mesh with patches filled anew, and smoothed."""
     mesh = before.mesh
-    work = build(mesh.vertices, mesh.quads, mesh.on_boundary, ROOM)
+    work = build(mesh.vertices, mesh.quads, fixed(mesh, held), mesh.on_boundary, ROOM)
     patches = refill(work, wanted, effort, ways)
     if patches == 0:
         return before
     if smooth:
         relax(work, wanted, False, STEPS)
         relax(work, wanted, True, SHARP_STEPS)
-    vertices, quads = compact(work, int(mesh.segments.max()) + 1)
+    vertices, quads = compact(work, given_vertices(mesh, held))
     return Finished(replace(mesh, vertices=vertices, quads=quads), before.sequences, patches)
+
+
+def fixed(mesh: Mesh, held: Ints) -> np.ndarray:
+    """(n,) bool, vertices that do not move."""
+    mask = mesh.on_boundary
+    mask[held] = True
+    return mask
 
 
 def better(before: Mesh, after: Mesh) -> bool:
