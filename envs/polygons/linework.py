@@ -135,7 +135,8 @@ def _crossings(
     """The points with those where lines cross something; the edges that do, and which point it is."""
     lines = shapely.linestrings(points[ends])
     drawn = np.flatnonzero(owner >= rings)
-    first, second = [], []
+    nothing = np.zeros(0, dtype=np.int64)
+    first, second = [nothing], [nothing]
     count = 0
     for i, j in pairs_of(shapely.STRtree(lines), lines[drawn], "intersects"):
         i = drawn[i]
