@@ -56,6 +56,9 @@ class Domain:
             the seams'); the mesh keeps them exactly.
         deviation: how far the given outline lies off the segments at most, where an edge length or a size split it; in
             domain units.
+        lines: (l, 2) int64, indices into ``points`` of the segments inside that are edges of the mesh, each once; the
+            ring walks them in both directions.
+        held: (h,) int64, points inside that stay where they are, as nodes of the mesh.
     """
 
     name: str
@@ -63,6 +66,13 @@ class Domain:
     ring: Ints
     segments: Ints
     deviation: float = 0.0
+    lines: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    held: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def kept(self) -> Ints:
+        """(s + l, 2) int64: the given segments, of the boundary and of lines, each once."""
+        return np.concatenate([self.segments, self.lines])
 
     @property
     def vertices(self) -> Floats:

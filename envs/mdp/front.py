@@ -24,7 +24,7 @@ import numpy as np
 
 from envs.kernels import slot_tree
 from envs.kernels.compiled import compiled, inlined, inner
-from envs.kernels.geometry import angle, signed_angles
+from envs.kernels.geometry import TWO_PI, angle, signed_angles
 from envs.mdp.size_field import elements_wanted, size_at, size_field, sizes_at
 from envs.types import NO_WISHES, RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters, WantedSizes
 
@@ -99,8 +99,10 @@ def row(batch: Front, i: int) -> Front:
 
 @inlined
 def interior_angle(front: Front, slot: int) -> float:
-    """Angle inside the domain at a slot, [0, 2 pi)."""
+    """Angle inside the domain at a slot, [0, 2 pi]; all of it at a tip, where the ring turns back."""
     xy, after, before = front.xy, front.nxt[slot], front.prv[slot]
+    if front.vid[after] == front.vid[before]:
+        return TWO_PI
     x, y = xy[slot, 0], xy[slot, 1]
     return angle(xy[after, 0] - x, xy[after, 1] - y, xy[before, 0] - x, xy[before, 1] - y)
 
@@ -110,14 +112,22 @@ def mean_angle(front: Front, slot: int, n_rv: int) -> float:
     """The mean of the angles V_l,j V V_r,j over j = 1..n_rv (paper, Eq. "reference vertex").
 
     Rounded to 1e-9 rad, so that equal angles stay equal under rotation and scaling; the ring's order breaks the tie.
+    From a line's tip both ways are one: the angle is all of it. One step before the tip the second neighbour is V's
+    other side, in no direction: the angle is the one before.
     """
-    xy = front.xy
+    xy, vid = front.xy, front.vid
     x, y = xy[slot, 0], xy[slot, 1]
     left = right = slot
-    total = 0.0
+    total = turn = 0.0
+    folded = True
     for _ in range(n_rv):
         left, right = front.prv[left], front.nxt[right]
-        total += angle(xy[right, 0] - x, xy[right, 1] - y, xy[left, 0] - x, xy[left, 1] - y)
+        folded = folded and vid[left] == vid[right]
+        if folded:
+            turn = TWO_PI
+        elif vid[left] != vid[slot] and vid[right] != vid[slot]:
+            turn = angle(xy[right, 0] - x, xy[right, 1] - y, xy[left, 0] - x, xy[left, 1] - y)
+        total += turn
     return round(total / n_rv * 1e9) * 1e-9
 
 
@@ -343,12 +353,12 @@ def element_cap(domain: Domain, parameters: MeshingParameters, sizes: WantedSize
 
 
 def area_bounds(domain: Domain, parameters: MeshingParameters) -> tuple[float, float]:
-    """A_min = v e_min^2 and A_max = v ((e_max - e_min)/kappa + e_min)^2 of the given boundary segments.
+    """A_min = v e_min^2 and A_max = v ((e_max - e_min)/kappa + e_min)^2 of the given segments.
 
     With ``area_range`` released e_min and e_max are the second shortest and the second longest, at most L / sqrt 2 and
     2 L, L the mean.
     """
-    ends = domain.points[domain.segments]
+    ends = domain.points[domain.kept]
     edges = np.sort(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
     e_min, e_max = float(edges[0]), float(edges[-1])
     if parameters.area_range == "released":
@@ -379,11 +389,13 @@ def _index(front: Front, n_rv: int) -> None:
 def wanted(domain: Domain) -> Ints:
     """(p,) int64: elements that make each given point regular, its angle inside the domain over a right one.
 
-    A seam point has an angle on each side, which add up; every point takes at least one element.
+    A seam point has an angle on each side, which add up; at a line's tip it is all of it. Every point takes at least
+    one element.
     """
     here = domain.vertices
     ahead, behind = np.roll(here, -1, axis=0) - here, np.roll(here, 1, axis=0) - here
     turns = np.mod(signed_angles(ahead, behind), 2 * np.pi)
+    turns[np.roll(domain.ring, -1) == np.roll(domain.ring, 1)] = 2 * np.pi
     angles = np.bincount(domain.ring, turns, minlength=len(domain.points))
     return np.maximum(1, np.rint(angles / (0.5 * np.pi))).astype(np.int64)
 

@@ -53,7 +53,7 @@ from envs.kernels import slot_tree
 from envs.kernels.compiled import inlined
 from envs.kernels.geometry import TWO_PI, angle, ray_hit, signed_angle
 from envs.mdp.action import base_length, unit_length
-from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front, wanted_size
+from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front, interior_angle, wanted_size
 from envs.types import Floats, MeshingParameters
 
 LN_4 = math.log(4.0)
@@ -169,7 +169,7 @@ def observe(
     right, left = front.nxt[reference], front.prv[reference]
     axis_x, axis_y = xy[right, 0] - x, xy[right, 1] - y
     back_x, back_y = xy[left, 0] - x, xy[left, 1] - y
-    theta = angle(axis_x, axis_y, back_x, back_y)
+    theta = interior_angle(front, reference)
     for j in range(n):
         dx, dy = xy[left, 0] - x, xy[left, 1] - y
         at = 2 * (n - 1 - j)

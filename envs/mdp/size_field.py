@@ -2,8 +2,8 @@
 
     h(x) = min(h_max, min_i (h_i + g |x - x_i|))
 
-The sources x_i are the given boundary points, h_i is the mean length of the boundary segments that meet there, h_max
-the largest h_i, and g bounds how fast h changes (``size_gradient``). So h is the boundary's own size near it, grows
+The sources x_i are the given points of the boundary and of lines, h_i is the mean length of the segments that meet
+there, h_max the largest h_i, and g bounds how fast h changes (``size_gradient``). So h is the boundary's own size near it, grows
 inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary. What a user
 says (`WantedSizes`) is another h_max, or more sources: where the boundary's segments are larger than these, h falls
 towards them no faster than g, so that it is the boundary's own at the boundary.
@@ -73,11 +73,12 @@ def size_at(key: Floats, box: Floats, most: float, gradient: float, x: float, y:
 
 
 def sources(domain: Domain) -> Floats:
-    """(s, 3) float64: x, y and h_i of each given boundary point, in domain units."""
-    ends = domain.points[domain.segments]
+    """(s, 3) float64: x, y and h_i of each given point of the boundary and of lines, in domain units."""
+    kept = domain.kept
+    ends = domain.points[kept]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    meeting = np.bincount(domain.segments.ravel(), minlength=len(domain.points))
-    total = np.bincount(domain.segments.ravel(), np.repeat(lengths, 2), minlength=len(domain.points))
+    meeting = np.bincount(kept.ravel(), minlength=len(domain.points))
+    total = np.bincount(kept.ravel(), np.repeat(lengths, 2), minlength=len(domain.points))
     at = np.flatnonzero(meeting)
     return np.column_stack([domain.points[at], total[at] / meeting[at]])
 

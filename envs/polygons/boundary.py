@@ -101,6 +101,8 @@ def boundary(
     sharpest, widest = np.full(len(stays), 2 * np.pi), np.zeros(len(stays))
     for ring, walk, is_outer in zip(rings, walks, outer, strict=True):
         turn, length = turns(ring), np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+        # Where a walk turns back the inside lies all around; rounding must not say on which side.
+        turn[np.roll(walk, 1) == np.roll(walk, -1)] = -np.pi
         stays[walk[(np.abs(turn) > corner) | (np.maximum(length, np.roll(length, 1)) >= coarse)]] = True
         # Walked with the inside to the left, a turn to the left leaves less than pi inside.
         inside = np.pi - turn * (1.0 if (turn.sum() > 0) == is_outer else -1.0)

@@ -35,7 +35,7 @@ def expected_elements(area: float, length: float, segments: float) -> float:
 
 def expected_in_domain(domain: Domain) -> float:
     """Elements of the mesh of a domain, roughly."""
-    ends = domain.points[domain.segments]
+    ends = domain.points[domain.kept]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
     return expected_elements(domain.area, length, len(ends))
 

@@ -51,7 +51,9 @@ class Walk:
         self.ahead = [*range(1, len(self.vertex)), 0]
         self.behind = [len(self.vertex) - 1, *range(len(self.vertex) - 1)]
         #: Visits of each vertex in the order of the walk.
-        self.visits = {vertex: [visit] for visit, vertex in enumerate(self.vertex)}
+        self.visits: dict[int, list[int]] = {}
+        for visit, vertex in enumerate(self.vertex):
+            self.visits.setdefault(vertex, []).append(visit)
 
     def insert(self, before: int, vertices: Sequence[int]) -> None:
         """Walk some vertices before a visit; the first of them is the one visited there."""

@@ -43,7 +43,7 @@ def boundary_cost(off: float) -> float:
 def irregularity(mesh: Halfedges, vertex: int) -> float:
     """What a vertex costs; 0 when it is regular."""
     off = mesh.degree[vertex] - mesh.ideal[vertex]
-    return boundary_cost(off) if mesh.fixed[vertex] else off * off
+    return boundary_cost(off) if mesh.rim[vertex] else off * off
 
 
 @inlined
@@ -52,7 +52,7 @@ def rise(mesh: Halfedges, vertex: int, change: int) -> float:
     degree = mesh.degree[vertex]
     if degree + change > MOST:
         return math.inf
-    if mesh.fixed[vertex]:
+    if mesh.rim[vertex]:
         off = degree - mesh.ideal[vertex]
         return boundary_cost(off + change) - boundary_cost(off) if degree + change >= 1 else math.inf
     return float(change * (2 * (degree - 4) + change)) if degree + change >= 3 else math.inf

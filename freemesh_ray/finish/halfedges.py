@@ -51,7 +51,8 @@ class Halfedges(NamedTuple):
         out: (V,) int64, a half-edge that leaves the vertex; on the boundary the one that has it to its right.
         degree: (V,) int64, elements around the vertex; 0 when it is dead, PINNED when it is left alone.
         ideal: (V,) float64, elements that would make right angles: 4 inside, the angle over pi/2 on the boundary.
-        fixed: (V,) bool, on the boundary.
+        fixed: (V,) bool, stays where it is: on the boundary, or held inside.
+        rim: (V,) bool, on the boundary.
         log: (L, 3) int64, [array, index, former value] of every change since the last ``commit``.
         counts: (4,) int64, [elements and vertices in use, dead ones included; entries of the log; signature: a number
             that is the same after the same changes in another order].
@@ -64,6 +65,7 @@ class Halfedges(NamedTuple):
     degree: Ints
     ideal: Floats
     fixed: np.ndarray
+    rim: np.ndarray
     log: Ints
     counts: Ints
 
@@ -203,7 +205,7 @@ def swap(mesh: Halfedges, h: int, side: int) -> None:
         _set_opp(mesh, new, beyond[i])
         if beyond[i] != NONE:
             _set_opp(mesh, beyond[i], new)
-        if beyond[i] == NONE or not mesh.fixed[corner[i]]:
+        if beyond[i] == NONE or not mesh.rim[corner[i]]:
             _set_out(mesh, corner[i], new)
     _set_corner(mesh, first + 3, corner[(begin + 3) % 6])
     _set_corner(mesh, second + 3, corner[begin])
@@ -235,7 +237,7 @@ def collapse(mesh: Halfedges, h: int) -> int:
     _set_corner(mesh, h & ~3, NONE)
     _join(mesh, ba, cb)
     _join(mesh, dc, ad)
-    if not mesh.fixed[stays] or mesh.out[stays] == ab:
+    if not mesh.rim[stays] or mesh.out[stays] == ab:
         _set_out(mesh, stays, cb)
     elif mesh.out[stays] == cd:
         _set_out(mesh, stays, ad)
@@ -281,9 +283,9 @@ def split(mesh: Halfedges, h: int, k: int) -> int:
     _join(mesh, base + 1, h)
     _join(mesh, base + 2, before(last))
     _join(mesh, base + 3, spoke)
-    mesh.fixed[new], mesh.ideal[new] = False, 4.0
+    mesh.fixed[new], mesh.rim[new], mesh.ideal[new] = False, False, 4.0
     _set_out(mesh, new, h)
-    if not mesh.fixed[v]:
+    if not mesh.rim[v]:
         _set_out(mesh, v, base)
     _add_degree(mesh, new, k + 1 - mesh.degree[new])
     _add_degree(mesh, v, 1 - k)
@@ -319,13 +321,14 @@ def _link(quads: Ints, opp: Ints, out: Ints, degree: Ints, first: Ints, chain: I
             g = chain[g]
 
 
-def build(vertices: Floats, quads: Ints, fixed: np.ndarray, room: float = 0.5) -> Halfedges:
+def build(vertices: Floats, quads: Ints, fixed: np.ndarray, rim: np.ndarray, room: float = 0.5) -> Halfedges:
     """Half-edges of a valid mesh.
 
     Args:
         vertices: (n, 2) float64.
         quads: (m, 4) int64, counter-clockwise.
-        fixed: (n,) bool, vertices of the boundary.
+        fixed: (n,) bool, vertices that stay where they are.
+        rim: (n,) bool, vertices of the boundary, which are among those.
         room: share of elements and vertices that may be added.
     """
     n, m = len(vertices), len(quads)
@@ -338,17 +341,18 @@ def build(vertices: Floats, quads: Ints, fixed: np.ndarray, room: float = 0.5) -
         degree=np.zeros(n + spare, dtype=np.int64),
         ideal=np.full(n + spare, 4.0),
         fixed=np.zeros(n + spare, dtype=np.bool_),
+        rim=np.zeros(n + spare, dtype=np.bool_),
         log=np.zeros((16 * LOG, 3), dtype=np.int64),
         counts=np.array([m, n, 0, 0], dtype=np.int64),
     )
-    mesh.xy[:n], mesh.quads[:m], mesh.fixed[:n] = vertices, quads, fixed
+    mesh.xy[:n], mesh.quads[:m], mesh.fixed[:n], mesh.rim[:n] = vertices, quads, fixed, rim
     first, chain = np.full(n, NONE, dtype=np.int64), np.empty(4 * m, dtype=np.int64)
     _link(mesh.quads[:m], mesh.opp, mesh.out, mesh.degree, first, chain)
     corner = vertices[quads]
     ahead, behind = np.roll(corner, -1, axis=1) - corner, np.roll(corner, 1, axis=1) - corner
     turn = np.arctan2(ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0], (ahead * behind).sum(axis=-1))
     total = np.bincount(quads.ravel(), np.abs(turn).ravel(), minlength=n)
-    mesh.ideal[:n][fixed] = np.maximum(1.0, total[fixed] / (0.5 * np.pi))
+    mesh.ideal[:n][rim] = np.maximum(1.0, total[rim] / (0.5 * np.pi))
     ends = np.bincount(quads.ravel()[mesh.opp[: 4 * m] == NONE], minlength=n)
     mesh.degree[:n][(ends > 1) | (mesh.degree[:n] > MOST_GIVEN)] = PINNED
     return mesh

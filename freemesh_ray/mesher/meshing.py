@@ -158,7 +158,9 @@ def mesh_once(
     if smooth or clean:
         sized = policy.parameters.sized  # another policy makes elements of sizes of its own
         wanted = size_field(domain, policy.parameters.size_gradient, sizes=sizes) if sized else NO_SIZES
-        result = finish(raw, wanted, smooth=smooth, clean=clean, effort=effort)
+        result = finish(
+            raw, wanted, lines=domain.lines, held=domain.held, smooth=smooth, clean=clean, effort=effort
+        )  # fmt: skip
         finished, sequences, patches = validated(result.mesh, domain), result.sequences, result.patches
     seconds = time.perf_counter() - began
     return MeshResult(
@@ -207,6 +209,24 @@ def validated(mesh: Mesh, domain: Domain) -> Mesh:
     Raises:
         MeshingError: it has a defect; no mesh with one is handed out.
     """
-    if defects := mesh.defects(area=domain.area):
+    if defects := [*mesh.defects(area=domain.area), *lost(mesh, domain)]:
         raise MeshingError(f"{domain.name}: the mesh is not valid: {'; '.join(defects)}")
     return mesh
+
+
+def lost(mesh: Mesh, domain: Domain) -> list[str]:
+    """What a mesh does not keep of its domain's lines and of the points inside that stay; empty when it keeps all."""
+    if not len(domain.lines) and not len(domain.held):
+        return []
+    found, base = [], len(mesh.vertices)
+    known = np.sort(mesh.edges[0], axis=1) @ [base, 1]
+    missing = int(np.sum(~np.isin(np.sort(domain.lines, axis=1) @ [base, 1], known)))
+    if missing:
+        found.append(f"{missing} segments of lines are no edges")
+    given = np.union1d(domain.lines.ravel(), domain.held)
+    used = np.zeros(base, dtype=np.bool_)
+    used[mesh.quads.ravel()] = True
+    off = int(np.sum(~used[given] | (mesh.vertices[given] != domain.points[given]).any(axis=1)))
+    if off:
+        found.append(f"{off} points of lines, or points inside, are no vertices")
+    return found

@@ -60,7 +60,7 @@ def fan(elements: int) -> Mesh:
 
 def halfedges(mesh: Mesh) -> Halfedges:
     """The half-edges of a mesh, its boundary fixed."""
-    return build(mesh.vertices, mesh.quads, mesh.on_boundary)
+    return build(mesh.vertices, mesh.quads, mesh.on_boundary, mesh.on_boundary)
 
 
 def change(work: Halfedges, patch: Patch, rng: np.random.Generator) -> bool:

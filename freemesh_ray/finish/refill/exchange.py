@@ -137,7 +137,7 @@ def make_way(mesh: Halfedges, growth: Growth, filling: Filling, exchange: Exchan
     mesh.counts[halfedges.QUADS] += max(0, quads - size)
     for v in range(loop, vertices):
         new = exchange.vertex[v]
-        mesh.degree[new], mesh.fixed[new], mesh.ideal[new] = 0, False, 4.0
+        mesh.degree[new], mesh.fixed[new], mesh.rim[new], mesh.ideal[new] = 0, False, False, 4.0
         mesh.counts[halfedges.VERTICES] = max(mesh.counts[halfedges.VERTICES], new + 1)
     for q in range(quads):
         for c in range(4):
@@ -153,5 +153,5 @@ def make_way(mesh: Halfedges, growth: Growth, filling: Filling, exchange: Exchan
             mesh.opp[here] = exchange.beyond[-2 - g]
             if mesh.opp[here] != NONE:
                 mesh.opp[mesh.opp[here]] = here
-        if mesh.opp[here] == NONE or not mesh.fixed[v]:
+        if mesh.opp[here] == NONE or not mesh.rim[v]:
             mesh.out[v] = here

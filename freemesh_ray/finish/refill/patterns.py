@@ -102,7 +102,7 @@ def assess(mesh: Halfedges, growth: Growth, patterns: Patterns) -> float:
         v = growth.loop[i]
         growth.vertex_mark[v] = mark
         around = outside(mesh, growth, v)
-        if mesh.fixed[v]:
+        if mesh.rim[v]:
             touches = True
             total += boundary_cost(mesh.degree[v] - mesh.ideal[v])
             flat, corner = boundary_cost(around + 2 - mesh.ideal[v]), boundary_cost(around + 1 - mesh.ideal[v])

@@ -188,7 +188,7 @@ def irregular_left(mesh: Halfedges) -> tuple[int, int]:
     """The irregular vertices inside, and the least that a mesh with as many elements at the boundary has."""
     irregular = index = 0
     for v in range(mesh.counts[VERTICES]):
-        if not mesh.fixed[v] and mesh.degree[v] not in (0, 4):
+        if not mesh.rim[v] and mesh.degree[v] not in (0, 4):
             irregular, index = irregular + 1, index + 4 - mesh.degree[v]
     return irregular, abs(index)
 

@@ -118,7 +118,7 @@ def irregular_inside(mesh: Halfedges, growth: Growth) -> int:
     for i in range(growth.counts[SIZE]):
         for c in range(4):
             v = mesh.quads[growth.members[i], c]
-            count += 1 if mesh.degree[v] != 4 and not mesh.fixed[v] else 0
+            count += 1 if mesh.degree[v] != 4 and not mesh.rim[v] else 0
     return count
 
 
