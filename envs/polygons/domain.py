@@ -22,10 +22,13 @@ from numpy.typing import ArrayLike
 from envs.drawing import Drawing
 from envs.errors import UserError
 from envs.polygons import ring_with_seams, seam
+from envs.polygons.close_places import close_sizes
 from envs.polygons.deviation import deviation
-from envs.polygons.discretisation import discretised
-from envs.polygons.geometry import Geometry, laid, region_of
+from envs.polygons.discretisation import NOWHERE, discretised
+from envs.polygons.faces import Face, divided
+from envs.polygons.geometry import Geometry, laid, on_their_curves, region_of
 from envs.polygons.mesh_size import check_elements, expected_in_rings
+from envs.polygons.overlaps import check_overlaps
 from envs.polygons.parity import with_even_count
 from envs.polygons.rings import (
     EDGE_LENGTH,
@@ -41,6 +44,8 @@ from envs.polygons.rings import (
 from envs.polygons.size_cells import Size, cells
 from envs.polygons.size_within import within
 from envs.polygons.sizing import CURVATURE, check_sizes
+from envs.polygons.slits import slit_domain
+from envs.polygons.with_lines import faces_with_lines
 from envs.printable import printable
 from envs.types import Domain, DomainError, Floats, WantedSizes
 
@@ -92,41 +97,76 @@ def geometry_of(
     """
     check_sizes(edge_length, grading, curvature, source, sized=size is not None)
     name, polygons = printable(name), drawing.polygons
-    names, sources = [name], [source]
-    if len(polygons) > 1:
-        names = [f"{name}[{i}]" for i in range(len(polygons))]
-        sources = [f"{source}: polygon {i}" for i in range(len(polygons))]
+    sources = numbered(source, len(polygons), ": polygon {}")
     split = edge_length is not None or size is not None or (fix_parity and len(polygons) > 1)
     # What is wrong with an outline is said in terms of its own vertices, before it gets others.
     least = 3 if split else OUTER_LEAST
     outlines = [checked(rings, where, least) for rings, where in zip(polygons, sources, strict=True)]
-    lines = laid(drawing.lines, outlines, source)
-    valid, deviations = outlines, [0.0] * len(polygons)
+    lines = laid(drawing, outlines, source)
+    faces = [Face(rings, NOWHERE, p) for p, rings in enumerate(outlines)]
+    if lines.divide:
+        check_no_seams(outlines, sources)
+        inside = [line.points for line in lines.inside]
+        faces = (divided if split else faces_with_lines)(outlines, inside, lines.places, source)
+    if len(outlines) > 1:
+        check_overlaps(outlines, sources, lines.near)
+    sources = [sources[face.polygon] for face in faces]
+    valid, deviations = [face.rings for face in faces], [0.0] * len(faces)
     if split:
         wanted = None if size is None else wanted_at(size, outlines)
         if wanted is not None:
             edge_length = largest_wanted(size, wanted, edge_length)
         if edge_length is not None and not allow_large:
-            for rings, where in zip(outlines, sources, strict=True):
-                check_elements(expected_in_rings(rings, edge_length), where)
+            for face, where in zip(faces, sources, strict=True):
+                check_elements(expected_in_rings(face.rings, edge_length), where)
+        if edge_length is not None and lines.divide:
+            close = close_sizes(faces, edge_length)
+            wanted = close if wanted is None else np.concatenate([wanted, close])
         fine = discretised(
-            outlines, source, edge_length=edge_length, grading=grading, curvature=curvature, wanted=wanted,
+            valid, source, edge_length=edge_length, grading=grading, curvature=curvature,
+            wanted=wanted if wanted is not None and len(wanted) else None,
             size=within(size, outlines) if callable(size) else None, keep=lines.keep,
         )  # fmt: skip
-        valid = [checked_again(rings, where, edge_length) for rings, where in zip(fine, sources, strict=True)]
         if edge_length is not None:
-            deviations = [deviation(before, after) for before, after in zip(outlines, fine, strict=True)]
+            deviations = [deviation(before, after) for before, after in zip(valid, fine, strict=True)]
+        valid = [
+            rings if lines.divide else checked_again(rings, where, edge_length)
+            for rings, where in zip(fine, sources, strict=True)
+        ]
+    names = numbered(name, len(faces), "[{}]")
     domains = [
-        replace(joined(rings, called, where, fix_parity), deviation=off)
-        for rings, called, where, off in zip(valid, names, sources, deviations, strict=True)
+        slit_domain(called, rings, face.places, where) if lines.divide else joined(rings, called, where, fix_parity)
+        for face, rings, called, where in zip(faces, valid, names, sources, strict=True)
     ]
-    regions = list(drawing.regions) or [""] * len(domains)
+    domains = [replace(domain, deviation=off) for domain, off in zip(domains, deviations, strict=True)]
+    domains, curved = on_their_curves(domains, [outlines[face.polygon] for face in faces], lines)
+    regions = list(drawing.regions) or [""] * len(polygons)
     return Geometry(
         name,
-        tuple(region_of(domain, region, lines) for domain, region in zip(domains, regions, strict=True)),
-        lines.lines,
+        tuple(
+            region_of(domain, regions[face.polygon], on_curves, lines)
+            for domain, face, on_curves in zip(domains, faces, curved, strict=True)
+        ),
+        lines.inside,
+        tuple(drawing.places),
         tuple(drawing.notes),
     )
+
+
+def numbered(name: str, count: int, form: str) -> list[str]:
+    """The name, or where several have it one for each, followed by its number in a form."""
+    return [name] if count == 1 else [name + form.format(i) for i in range(count)]
+
+
+def check_no_seams(outlines: Sequence[Sequence[Floats]], sources: Sequence[str]) -> None:
+    """Refuse outlines that walk seams, which lines inside would have to cross.
+
+    Raises:
+        DomainError: one does.
+    """
+    for rings, where in zip(outlines, sources, strict=True):
+        if has_seams(rings):
+            raise DomainError(f"{where}: lines or points inside of a ring that walks seams; give its holes as rings")
 
 
 def wanted_at(size: Size | Floats, polygons: Sequence[Sequence[Floats]]) -> Floats:

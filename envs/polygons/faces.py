@@ -38,9 +38,7 @@ class Face:
     polygon: int
 
 
-def divided(
-    polygons: Sequence[Sequence[Floats]], lines: Sequence[Floats], places: Floats, source: str
-) -> list[Face]:
+def divided(polygons: Sequence[Sequence[Floats]], lines: Sequence[Floats], places: Floats, source: str) -> list[Face]:
     """The faces of polygons, in the polygons' order; what of a line lies outside of all of them has no part in it.
 
     Lines may touch sides, cross, branch, end inside, float, or be closed. Where they meet sides or each other, all of
@@ -156,9 +154,7 @@ def _faces(points: Floats, walks: list[Ints], places: Floats, polygon: int) -> l
     for walk, home in zip(inner, homes.tolist(), strict=True):
         within[home].append(walk)
     of_place = _homes(points, [walks[i] for i in outer], places, [])
-    return [
-        Face([points[walk] for walk in face], places[of_place == f], polygon) for f, face in enumerate(within)
-    ]
+    return [Face([points[walk] for walk in face], places[of_place == f], polygon) for f, face in enumerate(within)]
 
 
 def _area(points: Floats, walk: Ints) -> float:

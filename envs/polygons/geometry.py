@@ -13,10 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import shapely
 
-from envs.drawing import Line
+from envs.drawing import Drawing, Line, Place
+from envs.mesh import STRAIGHT, CurvedEdges
+from envs.polygons.curved_edges import curved_edges, on_curves
 from envs.polygons.named_sides import along, line_of_segments, sides_by_name, tolerance
 from envs.polygons.offered_names import offered
-from envs.polygons.rings import place
+from envs.polygons.rings import place as shown
 from envs.types import Domain, DomainError, Floats, Ints
 
 #: Which of (m, 2) places belong to a name: (m,) bool.
@@ -34,13 +36,13 @@ class Region:
         domain: its boundary, split.
         name: such as its material; empty: none.
         sides: (k, 2) int64 segments of the domain of each name.
-        line_of: (s,) int64, for each segment of the domain the line that it lies on, -1 for none.
+        curved: its segments that lie on curves.
     """
 
     domain: Domain
     name: str = ""
     sides: dict[str, Ints] = field(default_factory=dict)
-    line_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    curved: CurvedEdges = STRAIGHT
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +52,15 @@ class Geometry:
     Attributes:
         name: the drawing's.
         regions: in the order of its polygons.
-        lines: of the drawing, or those offered where it names nothing.
+        inside: lines that elements follow, which lie inside of regions or between them.
+        places: points that a node sits on.
         notes: what the user is to be told, a line each.
     """
 
     name: str
     regions: tuple[Region, ...]
-    lines: tuple[Line, ...] = ()
+    inside: tuple[Line, ...] = ()
+    places: tuple[Place, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -68,26 +72,34 @@ class Laid:
         lines: those that name sides: the drawing's, or what is offered where it names none.
         keep: (k, 2) places on the outlines where a name begins or ends.
         inside: lines off the outlines, for elements to follow.
+        places: (m, 2) float64, points that a node is to sit on.
         near: the distance within which a vertex lies on a line.
     """
 
     lines: tuple[Line, ...]
     keep: Floats
     inside: tuple[Line, ...]
+    places: Floats
     near: float
 
+    @property
+    def divide(self) -> bool:
+        """Whether there is anything inside for elements to follow."""
+        return bool(self.inside) or len(self.places) > 0
 
-def laid(lines: Sequence[Line], polygons: Sequence[Sequence[Floats]], source: str) -> Laid:
-    """Lay lines on outlines.
+
+def laid(drawing: Drawing, polygons: Sequence[Sequence[Floats]], source: str) -> Laid:
+    """Lay a drawing's lines and places on its outlines.
 
     Args:
-        lines: of a drawing.
+        drawing: its lines and places.
         polygons: valid outlines, for each its rings, the outer one first.
         source: what messages begin with.
 
     Raises:
-        DomainError: too many lines, or one that lies outside of all polygons and is not optional.
+        DomainError: too many lines, or one that lies outside of all polygons and is not optional, or such a place.
     """
+    lines = drawing.lines
     if len(lines) > MOST_LINES:
         raise DomainError(f"{source}: {len(lines):,} lines, at most {MOST_LINES:,} are read; remove some")
     near = tolerance(polygons)
@@ -99,10 +111,32 @@ def laid(lines: Sequence[Line], polygons: Sequence[Sequence[Floats]], source: st
         found = along(line, outlines, near)
         if line.name:
             keep.append(found.ends)
-        if not (line.optional and not line.name):
+        if not line.optional:
             inside += [replace(line, points=piece) for piece in found.inside]
-    named = tuple(lines) if any(line.name for line in lines) else (*lines, *offers(polygons))
-    return Laid(named, snapped(np.concatenate(keep), rings, near), within(inside, polygons, source), near)
+    places = np.array([(place.x, place.y) for place in drawing.places], dtype=np.float64).reshape(-1, 2)
+    outside = shapely.distance(shapely.points(places), area_of(polygons)) > near
+    for place in [place for place, off in zip(drawing.places, outside, strict=True) if off][:1]:
+        raise DomainError(
+            f"{source}: the point{named(place.name)} at {shown((place.x, place.y))} is outside of all polygons; move or "
+            "remove it"
+        )
+    on_outlines = shapely.distance(shapely.points(places), outlines) <= near
+    placed = places.copy()
+    placed[on_outlines] = snapped(places[on_outlines], rings, near)
+    keep.append(placed[on_outlines])
+    all_named = tuple(lines) if any(line.name for line in lines) else (*lines, *offers(polygons))
+    ends = np.unique(snapped(np.concatenate(keep), rings, near), axis=0)
+    return Laid(all_named, ends, within(inside, polygons, source), placed, near)
+
+
+def named(name: str) -> str:
+    """A name in the middle of a message; empty where there is none."""
+    return f" {name!r}" if name else ""
+
+
+def area_of(polygons: Sequence[Sequence[Floats]]) -> shapely.Geometry:
+    """What polygons cover together."""
+    return shapely.union_all([shapely.Polygon(rings[0], rings[1:]) for rings in polygons])
 
 
 def offers(polygons: Sequence[Sequence[Floats]]) -> list[Line]:
@@ -122,27 +156,27 @@ def snapped(places: Floats, rings: Sequence[Floats], near: float) -> Floats:
     at = shapely.points(places)
     segment = lines[shapely.STRtree(lines).nearest(at)]
     projected = shapely.get_coordinates(shapely.line_interpolate_point(segment, shapely.line_locate_point(segment, at)))
-    return np.unique(np.where(close[:, None], nearest, projected), axis=0)
+    return np.where(close[:, None], nearest, projected)
 
 
 def within(lines: Sequence[Line], polygons: Sequence[Sequence[Floats]], source: str) -> tuple[Line, ...]:
-    """The lines that lie inside of polygons; the optional ones of the others are dropped.
+    """The lines, all of which lie inside of polygons.
 
     Raises:
-        DomainError: one that is not optional lies outside.
+        DomainError: one lies outside.
     """
     if not lines:
         return ()
-    area = shapely.union_all([shapely.Polygon(rings[0], rings[1:]) for rings in polygons])
+    area = area_of(polygons)
     kept = []
     for line in lines:
         if shapely.LineString(line.points).within(area):
             kept.append(line)
-        elif not line.optional:
-            named = f" {line.name!r}" if line.name else ""
+        else:
+            start, end = shown(line.points[0]), shown(line.points[-1])
             raise DomainError(
-                f"{source}: the line{named} from {place(line.points[0])} to {place(line.points[-1])} is not inside of "
-                "a polygon; end it on the boundary, or remove it"
+                f"{source}: the line{named(line.name)} from {start} to {end} is not inside of a polygon; end it on the "
+                "boundary, or remove it"
             )
     return tuple(kept)
 
@@ -189,7 +223,40 @@ def _tested(region: Region, tests: Mapping[str, Test]) -> Region:
     return replace(region, sides={name: rows for name, rows in sides.items() if len(rows)})
 
 
-def region_of(domain: Domain, name: str, laid: Laid) -> Region:
+def region_of(domain: Domain, name: str, curved: CurvedEdges, laid: Laid) -> Region:
     """The region of a domain, with the names of its segments."""
     line_of = line_of_segments(domain.points, domain.segments, laid.lines, laid.near)
-    return Region(domain, name, sides_by_name(domain.segments, line_of, laid.lines), line_of)
+    return Region(domain, name, sides_by_name(domain.segments, line_of, laid.lines), curved)
+
+
+def on_their_curves(
+    domains: Sequence[Domain], outlines: Sequence[Sequence[Floats]], laid: Laid
+) -> tuple[list[Domain], list[CurvedEdges]]:
+    """The domains with the vertices of curves on these, not on their chords; the edges that lie on curves.
+
+    Args:
+        domains: split; points that they share are equal number for number, and stay so.
+        outlines: for each domain the rings that it was split from.
+        laid: the lines, of which some have curves.
+    """
+    lines = [line for line in (*laid.lines, *laid.inside) if line.curve is not None]
+    if not lines:
+        return list(domains), [STRAIGHT] * len(domains)
+    curved = [
+        curved_edges(domain.points, domain.kept, lines, None if len(domain.lines) else rings)
+        for domain, rings in zip(domains, outlines, strict=True)
+    ]
+    everything = np.concatenate([domain.points for domain in domains])
+    points, number = np.unique(everything, axis=0, return_inverse=True)
+    numbers = np.split(number.ravel(), np.cumsum([len(domain.points) for domain in domains])[:-1])
+    moved = on_curves(points, together(curved, numbers))
+    return [replace(domain, points=moved[ids]) for domain, ids in zip(domains, numbers, strict=True)], curved
+
+
+def together(curved: Sequence[CurvedEdges], numbers: Sequence[Ints]) -> CurvedEdges:
+    """The curved edges of several domains over common points; a curve that several have is one."""
+    curves = list({id(curve): curve for each in curved for curve in each.curves}.values())
+    index = {id(curve): i for i, curve in enumerate(curves)}
+    edges = [ids[each.edges] for each, ids in zip(curved, numbers, strict=True)]
+    of = [np.array([index[id(each.curves[c])] for c in each.curve_of.tolist()], dtype=np.int64) for each in curved]
+    return CurvedEdges(np.concatenate(edges), np.concatenate(of), tuple(curves))

@@ -46,9 +46,7 @@ class Linework:
     places: Ints
 
 
-def linework(
-    polygons: Sequence[Sequence[Floats]], lines: Sequence[Floats], places: Floats, source: str
-) -> Linework:
+def linework(polygons: Sequence[Sequence[Floats]], lines: Sequence[Floats], places: Floats, source: str) -> Linework:
     """Set vertices wherever lines meet rings, each other or themselves, and wherever places lie on any of them.
 
     Args:
@@ -72,7 +70,9 @@ def linework(
         chain = part[np.append(True, part[1:] != part[:-1])]
         if len(chain) < 2:
             x, y = points[chain[0]]
-            raise DomainError(f"{source}: line {number} at ({x:g}, {y:g}) has no length; give it two places or remove it")
+            raise DomainError(
+                f"{source}: line {number} at ({x:g}, {y:g}) has no length; give it two places or remove it"
+            )
         chains.append(chain)
     points, chains = _noded(points, chains, len(rings), parts[-1], tolerance, source)
     starts = np.cumsum([0, *(len(polygon) for polygon in polygons)])
@@ -158,9 +158,7 @@ def _crossings(
     return distinct, np.concatenate([i, j]), np.tile(ids[len(points) :], 2)
 
 
-def _with_points(
-    points: Floats, chains: list[Ints], ends: Ints, owner: Ints, edge: Ints, point: Ints
-) -> list[Ints]:
+def _with_points(points: Floats, chains: list[Ints], ends: Ints, owner: Ints, edge: Ints, point: Ints) -> list[Ints]:
     """The chains with points set upon their edges, in order along each."""
     along = points[ends[edge, 1]] - points[ends[edge, 0]]
     share = ((points[point] - points[ends[edge, 0]]) * along).sum(axis=1)

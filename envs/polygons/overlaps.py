@@ -57,9 +57,7 @@ def check_overlaps(polygons: Sequence[Sequence[Floats]], sources: Sequence[str],
         )
 
 
-def overlaps(
-    polygons: Sequence[Sequence[Floats]], tolerance: float
-) -> Iterator[tuple[int, int, shapely.Geometry]]:
+def overlaps(polygons: Sequence[Sequence[Floats]], tolerance: float) -> Iterator[tuple[int, int, shapely.Geometry]]:
     """The pairs i < j of polygons that overlap, in order of i, and the largest piece that each has in common.
 
     Args:

@@ -35,9 +35,7 @@ GROWTH = 0.2
 AT_ONCE = 2_000
 
 
-def slit_domain(
-    name: str, rings: Sequence[Floats], places: Floats, source: str, *, deviation: float = 0.0
-) -> Domain:
+def slit_domain(name: str, rings: Sequence[Floats], places: Floats, source: str, *, deviation: float = 0.0) -> Domain:
     """The domain of a face: one ring through its rings, along both sides of its lines, and through its places.
 
     Args:
@@ -212,9 +210,7 @@ def _costs(points: Floats, edges: Ints, local: Floats, pairs: Ints) -> Floats:
     return length / np.maximum(np.sin(_least_angles(points, edges, pairs)) * room, 1e-12) ** 2
 
 
-def _any_free_pair(
-    points: Floats, part_of: Ints, walls: Ints, joined: set[int], source: str
-) -> tuple[int, int]:
+def _any_free_pair(points: Floats, part_of: Ints, walls: Ints, joined: set[int], source: str) -> tuple[int, int]:
     """The shortest way from a joined part to one that is not, where no wall is; there always is one."""
     inside = np.isin(part_of, list(joined))
     starts, ends = np.flatnonzero(inside), np.flatnonzero(~inside)

@@ -47,17 +47,29 @@ def domains_with_lines(
     Raises:
         DomainError: lines that cannot be followed: the source, the place and the fix.
     """
+    faces = faces_with_lines(polygons, lines, places, source)
+    names = [name] if len(faces) == 1 else [f"{name}[{i}]" for i in range(len(faces))]
+    return [slit_domain(called, face.rings, face.places, source) for called, face in zip(names, faces, strict=True)]
+
+
+def faces_with_lines(
+    polygons: Sequence[Sequence[Floats]], lines: Sequence[Floats], places: Floats, source: str
+) -> list[Face]:
+    """The faces that lines divide polygons into, the lines split, each of an even number of vertices.
+
+    Args:
+        polygons, lines, places, source: see `domains_with_lines`.
+
+    Raises:
+        DomainError: as of `domains_with_lines`.
+    """
     size = boundary_size(polygons)
     drawing = linework(polygons, lines, places, source)
     split = [
         discretised_line(drawing.points[line], size, stays)
         for line, stays in zip(drawing.lines, _staying(drawing), strict=True)
     ]
-    faces = even(divided(polygons, split, places, source), source)
-    names = [name] if len(faces) == 1 else [f"{name}[{i}]" for i in range(len(faces))]
-    return [
-        slit_domain(called, face.rings, face.places, source) for called, face in zip(names, faces, strict=True)
-    ]
+    return even(divided(polygons, split, places, source), source)
 
 
 def boundary_size(polygons: Sequence[Sequence[Floats]]) -> Cones:

@@ -186,7 +186,13 @@ def straight(points: Floats, number: int) -> Iterator[Piece]:
 
 
 def arc(
-    centre: Floats, radius: float, start: float, sweep: float, plane: Plane | None, number: int, ends: Floats | None = None
+    centre: Floats,
+    radius: float,
+    start: float,
+    sweep: float,
+    plane: Plane | None,
+    number: int,
+    ends: Floats | None = None,
 ) -> Piece:
     """An arc in an entity's plane; the ends are those in the world, if the file states them."""
     if plane is None:
@@ -206,9 +212,7 @@ def round_pieces(entity: Any, number: int) -> Iterator[Piece]:
         yield arc(centre[:2], radius, start, sweep, Plane.of(entity.ocs(), float(centre[2])), number)
 
 
-def polyline_pieces(
-    points: Floats, bulges: Floats, closed: bool, plane: Plane | None, number: int
-) -> Iterator[Piece]:
+def polyline_pieces(points: Floats, bulges: Floats, closed: bool, plane: Plane | None, number: int) -> Iterator[Piece]:
     """A polyline: bulge b makes of the segment after a vertex an arc of 4 arctan(b), positive counter-clockwise."""
     if closed:
         points, bulges = np.concatenate([points, points[:1]]), np.append(bulges, 0.0)
@@ -260,5 +264,7 @@ def spline_pieces(entity: Any, number: int) -> Iterator[Piece]:
     if np.all(weights == weights[0]):
         curve = ParametricCurve(BSpline(knots, hull, degree), breaks)
     else:
-        curve = ParametricCurve(Rational(BSpline(knots, np.column_stack([hull * weights[:, None], weights]), degree)), breaks)
+        curve = ParametricCurve(
+            Rational(BSpline(knots, np.column_stack([hull * weights[:, None], weights]), degree)), breaks
+        )
     yield Piece(np.zeros((0, 2)), curve, (float(breaks[0]), float(breaks[-1])), number)

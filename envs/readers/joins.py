@@ -83,9 +83,7 @@ def joined(network: Network, distance: float) -> tuple[Network, list[float]]:
         label, first = clusters(network.places, 0.0, network.source, np.array(pairs))
         steady = np.lexsort([np.arange(len(label)), -network.meeting, label])
         first = steady[np.searchsorted(label[steady], np.arange(len(first)))]
-        network = Network(
-            network.pieces, label[network.ends], network.places[first], network.tolerance, network.source
-        )
+        network = Network(network.pieces, label[network.ends], network.places[first], network.tolerance, network.source)
         network = Network(network.settled(), network.ends, network.places, network.tolerance, network.source)
     open_ends = np.flatnonzero(network.meeting == 1)
     if len(open_ends):

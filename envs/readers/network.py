@@ -76,7 +76,9 @@ class Network:
 
     def settled(self) -> list[Piece]:
         """The pieces, with their ends where the nodes are."""
-        return [piece.part(*piece.bounds, *self.places[ends]) for piece, ends in zip(self.pieces, self.ends, strict=True)]
+        return [
+            piece.part(*piece.bounds, *self.places[ends]) for piece, ends in zip(self.pieces, self.ends, strict=True)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +157,9 @@ def touching(network: Network, nodes: Ints, tolerance: float) -> tuple[Splits, F
 
 def touching_vertices(network: Network) -> Splits:
     """Where the vertices of straight pieces, between their ends, lie on other pieces: there both are split."""
-    owner = np.concatenate([np.full(max(0, len(inner(p))), i) for i, p in enumerate(network.pieces)] or [[]]).astype(int)
+    owner = np.concatenate([np.full(max(0, len(inner(p))), i) for i, p in enumerate(network.pieces)] or [[]]).astype(
+        int
+    )
     if not len(owner):
         return Splits(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64))
     points = np.concatenate([inner(piece) for piece in network.pieces])
@@ -241,9 +245,7 @@ class Chords:
         return at[close], chord[close]
 
 
-def nearest(
-    pieces: Sequence[Piece], piece: Ints, number: Ints, points: Floats, within: float
-) -> tuple[Floats, Floats]:
+def nearest(pieces: Sequence[Piece], piece: Ints, number: Ints, points: Floats, within: float) -> tuple[Floats, Floats]:
     """Where pieces are nearest to points beside some of their chords, and how near.
 
     Args:
@@ -441,7 +443,9 @@ def crossings(network: Network, dividing: np.ndarray) -> Splits:
             raise DomainError(f"{network.source}: lines cross at more than {MOST_CROSSINGS:,} places; choose layers")
         for a, b in zip(i[apart].tolist(), j[apart].tolist(), strict=True):
             rows += crossing(network, chords, a, b)
-    pieces, parameters = (np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0), np.zeros(0))
+    pieces, parameters = (
+        (np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0), np.zeros(0))
+    )
     return Splits(pieces.astype(np.int64), parameters.astype(np.float64), np.full(len(rows), -1))
 
 

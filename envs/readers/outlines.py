@@ -240,9 +240,7 @@ def complex_ones(network: Network, closed: Closed) -> np.ndarray:
     return ((most > 2) & some)[part]
 
 
-def faces(
-    network: Network, closed: Closed, fineness: Flattening, source: str
-) -> tuple[list[list[Face]], list[Side]]:
+def faces(network: Network, closed: Closed, fineness: Flattening, source: str) -> tuple[list[list[Face]], list[Side]]:
     """The faces of each connected part, in the order of their pieces, and the pieces that bound them.
 
     Closed entities that no open one connects are faces of their own, even if they touch. Of a face that only open
@@ -286,9 +284,7 @@ def faces(
     return [found for _, found in groups], [sides[i] for i in sorted(bounding)]
 
 
-def regions(
-    sides: Sequence[Side], part: Ints, closed: Closed, fineness: Flattening
-) -> tuple[list[Face], set[int]]:
+def regions(sides: Sequence[Side], part: Ints, closed: Closed, fineness: Flattening) -> tuple[list[Face], set[int]]:
     """The faces of a connected part, and the pieces that bound none of them."""
     lines = [sides[i].points for i in part.tolist()]
     rings, strays = regions_and_strays(lines)
@@ -304,7 +300,10 @@ def regions(
             continue
         outer = np.concatenate([face[0], face[0][:1]])
         pairs = np.concatenate([outer[:-1], outer[1:]], axis=1)
-        around = (owner.get(key) for key in map(tuple, np.where(ordered(pairs)[:, None], pairs, pairs[:, [2, 3, 0, 1]]).tolist()))
+        around = (
+            owner.get(key)
+            for key in map(tuple, np.where(ordered(pairs)[:, None], pairs, pairs[:, [2, 3, 0, 1]]).tolist())
+        )
         found.append(Face(face, frozenset(sides[i].piece.entity for i in around if i is not None)))
     return found, outside
 

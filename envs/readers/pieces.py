@@ -60,9 +60,13 @@ class Piece:
         if self.curve is None:
             return np.arange(len(self.points), dtype=np.float64)
         start, end = self.span
-        return np.concatenate(
-            [np.linspace(a, b, CHORDS, endpoint=False) for a, b in zip(*smooth_spans(self), strict=True)] + [[end]]
-        ) if start != end else np.array([start, end])
+        return (
+            np.concatenate(
+                [np.linspace(a, b, CHORDS, endpoint=False) for a, b in zip(*smooth_spans(self), strict=True)] + [[end]]
+            )
+            if start != end
+            else np.array([start, end])
+        )
 
     @cached_property
     def rough(self) -> Floats:

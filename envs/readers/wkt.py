@@ -83,9 +83,7 @@ def drawing_of_geometry(geometry: shapely.Geometry, source: str) -> Drawing:
                 lines.append(Line(points))
         else:
             empty = "an empty" if member.is_empty else "a"
-            raise DomainError(
-                f"{source}: {empty} {member.geom_type.upper()} where a POLYGON is needed; give a POLYGON"
-            )
+            raise DomainError(f"{source}: {empty} {member.geom_type.upper()} where a POLYGON is needed; give a POLYGON")
     if not polygons:
         raise DomainError(f"{source}: no POLYGON in the {geometry.geom_type.upper()}; give one with a POLYGON in it")
     return Drawing(polygons, lines=lines, places=places)

@@ -180,7 +180,9 @@ def cleaned(mesh: Mesh, wanted: SizeField, fixed: np.ndarray, kept: int, smooth:
     return cleaned(mesh, wanted, fixed, kept, smooth, False) if smooth and clean else Finished(mesh, 0)
 
 
-def refilled(before: Finished, wanted: SizeField, fixed: np.ndarray, effort: Effort, ways: int, smooth: bool) -> Finished:
+def refilled(
+    before: Finished, wanted: SizeField, fixed: np.ndarray, effort: Effort, ways: int, smooth: bool
+) -> Finished:
     """A finished mesh with patches filled anew, and smoothed; ``fixed``: (k,) bool, which of the first k vertices stay."""
     mesh, kept = before.mesh, len(fixed)
     stays = np.zeros(len(mesh.vertices), dtype=np.bool_)

@@ -83,10 +83,9 @@ class Mesh(PlainMesh):
         results = [
             mesh_domain(policy, region.domain, sizes=wishes(region.domain), **options) for region in geometry.regions
         ]
-        whole = assembled(parts_of(geometry, [result.finished for result in results]), geometry.name)
-        result = results[0] if len(results) == 1 else combined(
-            results, assembled(parts_of(geometry, [result.raw for result in results]), geometry.name), whole
-        )  # fmt: skip
+        whole = assembly(geometry, [result.finished for result in results])
+        raw = assembly(geometry, [result.raw for result in results])
+        result = results[0] if len(results) == 1 else combined(results, raw, whole)
         return cls(
             whole.name, whole.vertices, whole.quads, whole.segments, whole.complete, result,
             groups=whole.groups, curved=whole.curved,
@@ -131,9 +130,13 @@ class Mesh(PlainMesh):
             export.write(self, place, version, quadratic)
 
 
-def parts_of(geometry: Geometry, meshes: Sequence[PlainMesh]) -> list[Part]:
-    """The regions' meshes with their names."""
-    return [Part(mesh, region.name, region.sides) for mesh, region in zip(meshes, geometry.regions, strict=True)]
+def assembly(geometry: Geometry, meshes: Sequence[PlainMesh]) -> PlainMesh:
+    """The regions' meshes as one, with their names."""
+    parts = [
+        Part(mesh, region.name, region.sides, region.curved)
+        for mesh, region in zip(meshes, geometry.regions, strict=True)
+    ]
+    return assembled(parts, geometry.name, geometry.inside, geometry.places)
 
 
 def combined(results: Sequence[MeshResult], raw: PlainMesh, finished: PlainMesh) -> MeshResult:

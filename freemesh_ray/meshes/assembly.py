@@ -1,14 +1,18 @@
-"""Meshes of regions that share boundary as one conforming mesh, with a set for each region and each interface."""
+"""The meshes of a geometry's regions as one conforming mesh, with a set for each region, interface, line and point."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from envs.mesh import Groups, Mesh
-from envs.types import Floats, Ints
+from envs.drawing import Line, Place
+from envs.mesh import STRAIGHT, CurvedEdges, Groups, Mesh
+from envs.polygons.along import edges_along
+from envs.types import Ints
+from freemesh_ray.meshes.cracks import cracked
+from freemesh_ray.meshes.union import Union, union
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,91 +23,89 @@ class Part:
         mesh: of it alone.
         name: of the region; empty: none.
         sides: (k, 2) int64 boundary segments of each name.
+        curved: its edges that lie on curves.
     """
 
     mesh: Mesh
     name: str = ""
     sides: Mapping[str, Ints] = field(default_factory=dict)
+    curved: CurvedEdges = STRAIGHT
 
 
-def assembled(parts: Sequence[Part], name: str) -> Mesh:
-    """One mesh of all parts: points that are equal number for number are one vertex.
+def assembled(parts: Sequence[Part], name: str, inside: Sequence[Line] = (), places: Sequence[Place] = ()) -> Mesh:
+    """One mesh of all parts: boundary points that are equal number for number are one vertex.
 
     What two parts share is no boundary any more: it is a line inside, called by the name that it had as a side, or by
-    the regions' names, ``steel_copper``. Vertices keep the order in which parts first have them.
+    the regions' names, ``steel_copper``; where neither says anything it has none. Cracks are open.
 
     Args:
         parts: each complete or not.
         name: the mesh's.
+        inside: lines that elements follow.
+        places: points that vertices sit on.
     """
-    vertices, number = merged(parts)
-    quads = np.concatenate([ids[part.mesh.quads] for part, ids in zip(parts, number, strict=True)])
-    segments = np.concatenate([ids[part.mesh.segments] for part, ids in zip(parts, number, strict=True)])
-    part_of = np.repeat(np.arange(len(parts)), [len(part.mesh.segments) for part in parts])
-    shared = partners(segments)
-    regions = region_names([part.name for part in parts])
-    called = np.concatenate([names_of(part) for part in parts])
-    sides: dict[str, list[Ints]] = {}
-    lines: dict[str, list[Ints]] = {}
-    for i, (segment, partner) in enumerate(zip(segments, shared.tolist(), strict=True)):
-        if partner < 0:
-            if called[i]:
-                sides.setdefault(called[i], []).append(segment)
-        elif i < partner:
-            between = f"{regions[part_of[i]]}_{regions[part_of[partner]]}"
-            lines.setdefault(called[i] or called[partner] or between, []).append(segment)
-    counts = np.cumsum([0, *(len(part.mesh.quads) for part in parts)])
-    elements: dict[str, list[Ints]] = {}
-    if len(parts) > 1 or parts[0].name:
-        for region, low, high in zip(regions, counts[:-1], counts[1:], strict=True):
-            elements.setdefault(region, []).append(np.arange(low, high))
-    return Mesh(
+    names = [part.name or f"region_{i}" for i, part in enumerate(parts, 1)]
+    named = len(parts) > 1 or bool(parts[0].name)
+    whole = union(
+        [
+            replace(
+                part.mesh,
+                groups=Groups(
+                    sides=dict(part.sides), regions={called: np.arange(len(part.mesh.quads))} if named else {}
+                ),
+                curved=part.curved,
+            )
+            for part, called in zip(parts, names, strict=True)
+        ],
         name,
-        vertices,
-        quads,
-        segments[shared < 0],
-        all(part.mesh.complete for part in parts),
-        groups=Groups(
-            sides={key: np.array(rows) for key, rows in sides.items()},
-            lines={key: np.array(rows) for key, rows in lines.items()},
-            regions={key: np.concatenate(rows) for key, rows in elements.items()},
-        ),
     )
+    mesh = whole.mesh
+    lines = dict(mesh.groups.lines) | between(whole, names, [part.name for part in parts])
+    cracks: dict[str, Ints] = {}
+    edges = mesh.edges[0]
+    for i, line in enumerate(inside, 1):
+        called = line.name or (f"crack_{i}" if line.crack else f"line_{i}")
+        found = cracks if line.crack else lines
+        along = edges_along(mesh.vertices, edges, line.points)
+        found[called] = np.concatenate([found[called], along]) if called in found else along
+    taken = {tuple(edge) for rows in cracks.values() for edge in np.sort(rows, axis=1).tolist()}
+    lines = {
+        key: rows[[tuple(edge) not in taken for edge in np.sort(rows, axis=1).tolist()]] for key, rows in lines.items()
+    }
+    groups = replace(
+        mesh.groups,
+        lines={key: rows for key, rows in lines.items() if len(rows)},
+        points=points_of(mesh, places),
+    )
+    mesh = replace(mesh, groups=groups)
+    return cracked(mesh, cracks) if cracks else mesh
 
 
-def merged(parts: Sequence[Part]) -> tuple[Floats, list[Ints]]:
-    """The vertices of all parts, boundary points that are equal once, and for each part its vertices' numbers."""
-    known: dict[tuple[float, float], int] = {}
-    vertices: list[Floats] = []
-    count = 0
-    numbers = []
-    for part in parts:
-        on_boundary = np.flatnonzero(part.mesh.on_boundary)
-        ids = np.full(len(part.mesh.vertices), -1)
-        places = [tuple(point) for point in part.mesh.vertices[on_boundary].tolist()]
-        ids[on_boundary] = [known.get(point, -1) for point in places]
-        new = np.flatnonzero(ids < 0)
-        ids[new] = count + np.arange(len(new))
-        vertices.append(part.mesh.vertices[new])
-        count += len(new)
-        for point, vertex in zip(places, ids[on_boundary].tolist(), strict=True):
-            known.setdefault(point, vertex)
-        numbers.append(ids)
-    return np.concatenate(vertices), numbers
+def between(whole: Union, names: Sequence[str], given: Sequence[str]) -> dict[str, Ints]:
+    """The edges between regions that no side names, by the names of the two; none where neither has one of its own."""
+    named = {tuple(edge) for rows in whole.mesh.groups.lines.values() for edge in np.sort(rows, axis=1).tolist()}
+    free = [edge for edge in map(tuple, np.sort(whole.seams, axis=1).tolist()) if edge not in named]
+    if not free or not any(given):
+        return {}
+    part_of = np.repeat(np.arange(len(names)), np.diff(whole.first))
+    owners: dict[tuple[int, int], list[int]] = {edge: [] for edge in free}
+    ends = np.sort(np.stack([whole.mesh.quads, np.roll(whole.mesh.quads, -1, axis=1)], axis=-1), axis=-1)
+    for element, four in enumerate(ends.tolist()):
+        for edge in map(tuple, four):
+            if edge in owners:
+                owners[edge].append(int(part_of[element]))
+    found: dict[str, list[tuple[int, int]]] = {}
+    for edge, two in owners.items():
+        a, b = min(two), max(two)
+        if names[a] != names[b]:
+            found.setdefault(f"{names[a]}_{names[b]}", []).append(edge)
+    return {called: np.array(rows, dtype=np.int64) for called, rows in found.items()}
 
 
-def partners(segments: Ints) -> Ints:
-    """(s,) int64: for each directed segment the one that runs the other way, -1 where there is none."""
-    where = {(a, b): i for i, (a, b) in enumerate(segments.tolist())}
-    return np.array([where.get((b, a), -1) for a, b in segments.tolist()], dtype=np.int64)
-
-
-def region_names(given: Sequence[str]) -> list[str]:
-    """A name for each region: its own, or its number."""
-    return [name or f"region_{i}" for i, name in enumerate(given, 1)]
-
-
-def names_of(part: Part) -> np.ndarray:
-    """(s,) object: the name of each boundary segment of a part; empty: none."""
-    named = {tuple(segment): name for name, rows in part.sides.items() for segment in rows.tolist()}
-    return np.array([named.get(tuple(segment), "") for segment in part.mesh.segments.tolist()], dtype=object)
+def points_of(mesh: Mesh, places: Sequence[Place]) -> dict[str, int]:
+    """The vertices of places, by name, or number where they have none."""
+    found = {}
+    for i, place in enumerate(places, 1):
+        off = np.hypot(*(mesh.vertices - [place.x, place.y]).T)
+        found[place.name or f"point_{i}"] = int(off.argmin())
+    return found
