@@ -123,25 +123,6 @@ def ellipse(centre: Floats, major: Floats, minor: Floats, start: float, sweep: f
     return sampled(at, np.linspace(start, start + sweep, quarters + 1), fineness)
 
 
-def cubics(controls: Floats, matrix: Floats, fineness: Flattening) -> Floats:
-    """A curve of cubic pieces.
-
-    Args:
-        controls: (s, 4, 2), the control points of each piece.
-        matrix: (4, 4), ``CATMULL_ROM`` or ``B_SPLINE``.
-        fineness: how finely.
-    """
-    coefficients = matrix @ controls
-
-    def at(t: Floats) -> Floats:
-        piece = np.clip(t.astype(np.int64), 0, len(controls) - 1)
-        u = (t - piece)[:, None]
-        c3, c2, c1, c0 = np.moveaxis(coefficients[piece], 1, 0)
-        return ((c3 * u + c2) * u + c1) * u + c0
-
-    return sampled(at, np.arange(len(controls) + 1, dtype=np.float64), fineness)
-
-
 def sampled(at: Callable[[Floats], Floats], breaks: Floats, fineness: Flattening) -> Floats:
     """Points of a parametric curve, each of its smooth spans halved until its chords are fine enough.
 

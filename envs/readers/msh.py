@@ -2,6 +2,8 @@
 
 Where there are triangles or quadrilaterals, each surface of the geometry is a polygon, its ring the edges that one
 element has; where there are only line elements, they are chained into loops, and loops inside loops are holes.
+Physical groups become names: of surfaces regions, of line elements lines, of point elements places. Line and point
+elements inside a surface are lines and places inside, with and without a name.
 """
 
 from __future__ import annotations
@@ -13,9 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from envs.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates, check_rings, extent
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
+from envs.readers.physical import names_of
 from envs.readers.source import excerpt
 from envs.types import DomainError, Floats, Ints
 
@@ -27,6 +31,12 @@ ELEMENTS = {
 
 #: Out of the plane by at most this share of the extent.
 FLAT = 1e-6
+
+#: Entities of the geometry at most that are asked for their physical groups: each is read by itself.
+MOST_ENTITIES = 200_000
+
+#: Dimension and number of a physical group.
+Group = tuple[int, int]
 
 #: Whole numbers up to here are exact as floats.
 LARGEST_WHOLE = 2.0**53
@@ -81,26 +91,51 @@ class Section:
 
 
 @dataclass
+class Elements:
+    """Elements of one kind.
+
+    Attributes:
+        nodes: (e, k) int64, corners in order; of lines all nodes, from one end to the other.
+        entities: (e,) int64, the point, curve or surface of the geometry that each lies on.
+        groups: (e,) int64, the physical group of each; 0: none.
+    """
+
+    nodes: Ints
+    entities: Ints
+    groups: Ints
+
+
+@dataclass
 class Mesh:
     """Nodes and elements of a mesh.
 
     Attributes:
         points: (p, 3) float64, the nodes' coordinates.
         index: the nodes' rows by their tags.
-        lines: (l, 2) int64 nodes of line elements.
-        corners: element corners, (e, 3 or 4) int64 blocks of nodes.
-        surfaces: (e,) int64, the surface that each element of the same block lies on.
+        elements: those of dimensions 0, 1 and 2.
+        names: of physical groups, by dimension and number.
+        notes: what was read in another way than it was stated, a line each.
     """
 
     points: Floats
     index: Index
-    lines: list[Ints] = field(default_factory=list)
-    corners: list[Ints] = field(default_factory=list)
-    surfaces: list[Ints] = field(default_factory=list)
+    elements: tuple[list[Elements], list[Elements], list[Elements]] = field(default_factory=lambda: ([], [], []))
+    names: dict[Group, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def corners(self) -> list[Ints]:
+        """Corners of the surface elements, (e, 3 or 4) int64 blocks of nodes."""
+        return [block.nodes for block in self.elements[2]]
+
+    def called(self, dimension: int, group: int) -> str:
+        """The name of a physical group; one without is called by its number, none by nothing."""
+        kind = ("point", "curve", "surface")[dimension]
+        return self.names.get((dimension, group), f"{kind}_{group}") if group else ""
 
 
-def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
-    """The rings of every surface in a mesh.
+def drawing_of_file(path: Path, reading: Reading) -> Drawing:
+    """The outline of every surface in a mesh, and what is named in it.
 
     Raises:
         DomainError: a broken file, another version, no boundary, or one that is not in the x, y plane.
@@ -112,7 +147,8 @@ def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[
         raise DomainError(
             f"{source}: not a valid Gmsh mesh ({excerpt(str(error), 80)}); save it again, version 4.1"
         ) from None
-    used = np.concatenate([np.unique(block) for block in (*mesh.lines, *mesh.corners)] or [np.empty(0, np.int64)])
+    blocks = [block.nodes for elements in mesh.elements[1:] for block in elements]
+    used = np.unique(np.concatenate([block.ravel() for block in blocks])) if blocks else np.empty(0, np.int64)
     if not len(used):
         raise DomainError(f"{source}: no line and no surface elements; save the boundary with the mesh")
     check_coordinates(mesh.points[used], source, lambda _: "a node")
@@ -123,26 +159,129 @@ def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[
         )
     points = np.ascontiguousarray(mesh.points[:, :2])
     if not mesh.corners:
-        edges = np.concatenate(mesh.lines)
-        return nested(faces(list(points[edges]), edges, source), source)
-    outlines = borders(mesh)
+        edges = np.concatenate([edges_along(block.nodes) for block in mesh.elements[1]])
+        polygons = nested(faces(list(points[edges]), edges, source), source)
+        return Drawing(polygons, lines=lines_of(mesh, points, np.empty((0, 2), np.int64)), notes=mesh.notes)
+    outlines, inside, regions = borders(mesh)
     check_rings(len(outlines), source)
-    return [rings for edges in outlines for rings in nested(faces(list(points[edges]), edges, source), source)]
+    polygons, names = [], []
+    for edges, region in zip(outlines, regions, strict=True):
+        found = nested(faces(list(points[edges]), edges, source), source)
+        polygons += found
+        names += [region] * len(found)
+    return Drawing(
+        polygons,
+        regions=names if any(names) else (),
+        lines=lines_of(mesh, points, inside),
+        places=places_of(mesh, points, outlines, inside),
+        notes=mesh.notes,
+    )
 
 
-def borders(mesh: Mesh) -> list[Ints]:
-    """For each surface the (b, 2) edges that one element of it has, in the order of the surfaces' tags."""
+def polygons_of_file(path: Path, edge_length: float | None = None) -> list[list[Any]]:
+    """The rings of every surface in a mesh."""
+    return [list(rings) for rings in drawing_of_file(path, Reading(edge_length)).polygons]
+
+
+def edges_along(nodes: Ints) -> Ints:
+    """(e, k) nodes of lines -> (e (k - 1), 2) edges from one to the next."""
+    return np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2).reshape(-1, 2)
+
+
+def borders(mesh: Mesh) -> tuple[list[Ints], Ints, list[str]]:
+    """What surfaces are bounded by.
+
+    Returns:
+        For each surface, in the order of their tags, the (b, 2) edges that one element of it has; the (i, 2) edges
+        that two of one surface have, sorted; the name of each surface.
+    """
     edges = np.concatenate(
         [np.stack([block, np.roll(block, -1, axis=1)], axis=2).reshape(-1, 2) for block in mesh.corners]
     )
-    surface = np.concatenate(
-        [np.repeat(tags, block.shape[1]) for tags, block in zip(mesh.surfaces, mesh.corners, strict=True)]
-    )
+    pairs = np.concatenate([np.column_stack([block.entities, block.groups]) for block in mesh.elements[2]])
+    distinct, number = np.unique(pairs, axis=0, return_inverse=True)
+    sides = np.concatenate([np.full(len(block), block.shape[1]) for block in mesh.corners])
+    surface = np.repeat(number.ravel(), sides)
     rows = np.column_stack([surface, np.sort(edges, axis=1)])
-    _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
+    found, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
     border = np.sort(first[count == 1])
     border = border[np.argsort(surface[border], kind="stable")]
-    return np.split(edges[border], np.flatnonzero(np.diff(surface[border])) + 1)
+    outlines = np.split(edges[border], np.flatnonzero(np.diff(surface[border])) + 1)
+    names = [mesh.called(2, int(distinct[surface[i], 1])) for i in border[starts_of(surface[border])]]
+    return outlines, found[count > 1, 1:], names
+
+
+def starts_of(numbers: Ints) -> Ints:
+    """Where each stretch of equal numbers begins."""
+    return np.append(0, np.flatnonzero(np.diff(numbers)) + 1)
+
+
+def lines_of(mesh: Mesh, points: Floats, inside: Ints) -> list[Line]:
+    """The line elements that have a name, or are among the (i, 2) edges inside, end to end.
+
+    Where there are surfaces, lines go straight from corner to corner, as their elements do.
+    """
+    edges, called = [], []
+    for block in mesh.elements[1]:
+        nodes = block.nodes[:, [0, -1]] if mesh.corners else block.nodes
+        edges.append(edges_along(nodes))
+        called.append(np.repeat(block.groups, nodes.shape[1] - 1))
+    if not edges:
+        return []
+    every, group = np.concatenate(edges), np.concatenate(called)
+    within = among(every, inside)
+    lines = []
+    for number in np.unique(group[(group > 0) | within]).tolist():
+        chosen = (group == number) & (within if number == 0 else True)
+        name = mesh.called(1, number)
+        lines += [Line(points[path], name) for path in chained(every[chosen])]
+    return lines
+
+
+def among(edges: Ints, others: Ints) -> np.ndarray:
+    """(m,) bool: which of (m, 2) edges are among others, whose ends are in ascending order."""
+    base = int(max(edges.max(initial=0), others.max(initial=0))) + 1
+    return np.isin(np.sort(edges, axis=1) @ np.array([base, 1]), others @ np.array([base, 1]))
+
+
+def chained(edges: Ints) -> list[list[int]]:
+    """Paths of nodes along (m, 2) edges, each edge once; paths end where other than two edges meet."""
+    at: dict[int, list[int]] = {}
+    for i, ends in enumerate(edges.tolist()):
+        for node in ends:
+            at.setdefault(node, []).append(i)
+    ends_of = edges.tolist()
+    left = dict.fromkeys(range(len(edges)))
+    branching = [node for node, met in at.items() if len(met) != 2]
+    paths = []
+    for start in (*branching, *at):
+        for first in at[start]:
+            if first not in left:
+                continue
+            path, edge, node = [start], first, start
+            while True:
+                del left[edge]
+                a, b = ends_of[edge]
+                node = b if a == node else a
+                path.append(node)
+                following = [other for other in at[node] if other in left] if len(at[node]) == 2 else []
+                if not following or node == start:
+                    break
+                edge = following[0]
+            paths.append(path)
+    return paths
+
+
+def places_of(mesh: Mesh, points: Floats, outlines: list[Ints], inside: Ints) -> list[Place]:
+    """The point elements that have a name, or lie inside a surface and off all lines."""
+    found: dict[int, str] = {}
+    for block in mesh.elements[0]:
+        for node, group in zip(block.nodes[:, 0].tolist(), block.groups.tolist(), strict=True):
+            found[node] = found.get(node) or mesh.called(0, group)
+    on_lines = [block.nodes.ravel() for block in mesh.elements[1]]
+    off = set(inside.ravel().tolist()).difference(*(edges.ravel().tolist() for edges in (*outlines, *on_lines)))
+    chosen = {node: name for node, name in found.items() if name or node in off}
+    return [Place(float(points[node, 0]), float(points[node, 1]), name) for node, name in chosen.items()]
 
 
 def mesh_of(content: bytes) -> Mesh:
@@ -155,10 +294,15 @@ def mesh_of(content: bytes) -> Mesh:
     nodes, elements = (section(content, name, binary, order) for name in (b"Nodes", b"Elements"))
     if version.startswith("2"):
         points, index = nodes_2(nodes, binary)
-        return elements_2(elements, binary, Mesh(points, index))
+        mesh = elements_2(elements, binary, Mesh(points, index, names=group_names(content)))
+        without_copies(mesh)
+        return mesh
     if version in ("4", "4.1"):
         points, index = nodes_4(nodes)
-        return elements_4(elements, Mesh(points, index))
+        mesh = elements_4(elements, Mesh(points, index, names=group_names(content)))
+        if b"$Entities" in content:
+            take_groups(mesh, groups_4(section(content, b"Entities", binary, order)))
+        return mesh
     raise ValueError(f"version {version[:10]}; 2.2 and 4.1 are read")
 
 
@@ -229,6 +373,61 @@ def nodes_2(data: Section, binary: bool) -> tuple[Floats, Index]:
     return table["x"].astype(np.float64), Index(table["tag"].astype(np.int64))
 
 
+def group_names(content: bytes) -> dict[Group, str]:
+    """Names of physical groups: a count, then ``dimension number "name"`` each."""
+    inside = content.partition(b"$PhysicalNames")[2].partition(b"$EndPhysicalNames")[0]
+    names: dict[Group, str] = {}
+    for line in inside.splitlines():
+        words = line.split(maxsplit=2)
+        if len(words) == 3:
+            name = words[2].strip().strip(b'"').decode("utf-8", "replace")
+            names[int(words[0]), int(words[1])] = name
+    return names
+
+
+def without_copies(mesh: Mesh) -> None:
+    """Take out elements that come again in another group, as version 2.2 writes those of several."""
+    for dimension, blocks in enumerate(mesh.elements):
+        for block in blocks:
+            _, first = np.unique(np.sort(block.nodes, axis=1), axis=0, return_index=True)
+            if len(first) == len(block.nodes):
+                continue
+            kept = np.sort(first)
+            kind = ("point", "curve", "surface")[dimension]
+            twice = len(block.nodes) - len(kept)
+            mesh.notes.append(f"{twice} elements of {kind}s are in several physical groups; the first names them")
+            block.nodes, block.entities, block.groups = block.nodes[kept], block.entities[kept], block.groups[kept]
+
+
+def groups_4(data: Section) -> dict[Group, list[int]]:
+    """Physical groups of the entities of version 4.1, by dimension and tag of the entity."""
+    counts = data.take(SIZE, 4).tolist()
+    found: dict[Group, list[int]] = {}
+    if sum(counts[:3]) > MOST_ENTITIES:
+        return found
+    for dimension, count in enumerate(counts[:3]):
+        for _ in range(count):
+            tag = data.one(INT)
+            data.take(FLOAT, 3 if dimension == 0 else 6)
+            found[dimension, tag] = data.take(INT, data.one(SIZE)).tolist()
+            if dimension:
+                data.take(INT, data.one(SIZE))
+    return found
+
+
+def take_groups(mesh: Mesh, groups: dict[Group, list[int]]) -> None:
+    """Note for each element the physical group of its entity, the first of several."""
+    for dimension, blocks in enumerate(mesh.elements):
+        kind = ("point", "curve", "surface")[dimension]
+        of_kind = [(number, tag) for (d, tag), numbers in groups.items() if d == dimension for number in numbers]
+        members = ((abs(number), mesh.called(dimension, abs(number)), [tag]) for number, tag in of_kind)
+        mesh.notes += names_of(kind, members)[1]
+        first = {tag: abs(numbers[0]) for (d, tag), numbers in groups.items() if d == dimension and numbers}
+        for block in blocks:
+            distinct, number = np.unique(block.entities, return_inverse=True)
+            block.groups = np.array([first.get(tag, 0) for tag in distinct.tolist()], dtype=np.int64)[number.ravel()]
+
+
 def elements_2(data: Section, binary: bool, mesh: Mesh) -> Mesh:
     """The mesh with its elements of version 2.2: ``number type tags... nodes...`` each."""
     if binary:
@@ -236,7 +435,7 @@ def elements_2(data: Section, binary: bool, mesh: Mesh) -> Mesh:
         data, total = Section(None, rows, data.order), int(line)
     else:
         total = data.one(SIZE)
-    found: dict[int, tuple[list[Ints], list[Ints]]] = {}
+    found: dict[int, list[tuple[Ints, Ints, Ints]]] = {}
     while total > 0:
         if binary:
             element_type, count, tags = data.take(INT, 3).tolist()
@@ -245,15 +444,17 @@ def elements_2(data: Section, binary: bool, mesh: Mesh) -> Mesh:
         nodes = ELEMENTS[element_type][2] if element_type in ELEMENTS else unknown(element_type)
         if count < 1 or tags < 0:
             raise ValueError("a negative count")
-        width = tags + nodes + binary
+        before = int(binary)  # the element's number
+        width = before + tags + nodes
         block = data.take(INT, count * width).reshape(count, width)
-        surface = block[:, binary + 1] if tags > 1 else np.zeros(count, dtype=np.int64)
-        blocks, surfaces = found.setdefault(element_type, ([], []))
-        blocks.append(block[:, binary + tags :])
-        surfaces.append(surface)
+        none = np.zeros(count, dtype=np.int64)
+        entities = block[:, before + 1] if tags > 1 else none
+        groups = np.abs(block[:, before]) if tags > 0 else none
+        found.setdefault(element_type, []).append((block[:, before + tags :], entities, groups))
         total -= count
-    for element_type, (blocks, surfaces) in found.items():
-        add(mesh, element_type, mesh.index.rows(np.concatenate(blocks)), np.concatenate(surfaces))
+    for element_type, blocks in found.items():
+        joined = [np.concatenate(column) for column in zip(*blocks, strict=True)]
+        add(mesh, element_type, mesh.index.rows(joined[0]), joined[1], joined[2])
     return mesh
 
 
@@ -274,12 +475,13 @@ def elements_4(data: Section, mesh: Mesh) -> Mesh:
     """The mesh with its elements of version 4.1: blocks of one type on one entity, ``number nodes...`` each."""
     blocks = data.take(SIZE, 4)[0]
     for _ in range(blocks):
-        _, surface, element_type = data.take(INT, 3).tolist()
+        _, entity, element_type = data.take(INT, 3).tolist()
         count = data.one(SIZE)
         nodes = ELEMENTS[element_type][2] if element_type in ELEMENTS else unknown(element_type)
         block = data.take(SIZE, count * (1 + nodes)).reshape(count, 1 + nodes)
         if count:
-            add(mesh, element_type, mesh.index.rows(block[:, 1:]), np.full(count, surface, dtype=np.int64))
+            none = np.zeros(count, dtype=np.int64)
+            add(mesh, element_type, mesh.index.rows(block[:, 1:]), none + entity, none)
     return mesh
 
 
@@ -288,12 +490,11 @@ def unknown(element_type: int) -> int:
     raise ValueError(f"elements of type {element_type}; lines, triangles and quadrilaterals are read")
 
 
-def add(mesh: Mesh, element_type: int, nodes: Ints, surface: Ints) -> None:
+def add(mesh: Mesh, element_type: int, nodes: Ints, entities: Ints, groups: Ints) -> None:
     """Take (e, nodes) elements of a type into the mesh: their corners, and of curved lines the nodes between too."""
     dimension, corners, _ = ELEMENTS[element_type]
     if dimension == 1:
-        along = np.concatenate([nodes[:, :1], nodes[:, 2:], nodes[:, 1:2]], axis=1)
-        mesh.lines.append(np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2))
-    elif dimension == 2:
-        mesh.corners.append(nodes[:, :corners])
-        mesh.surfaces.append(surface)
+        nodes = np.concatenate([nodes[:, :1], nodes[:, 2:], nodes[:, 1:2]], axis=1)
+    else:
+        nodes = nodes[:, :corners]
+    mesh.elements[dimension].append(Elements(nodes, entities, groups))

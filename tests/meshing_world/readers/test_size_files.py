@@ -291,7 +291,7 @@ def test_points_of_a_script_have_sizes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("more", "least"), [
     ("MeshSize {1, 2} = 0.05;", 0.05), ("Characteristic Length {1} = 0.5;", 0.5), ("MeshSize {:} = 0.3;", 0.3),
-    ("MeshSize {PointsOf{Surface{1};}} = 0.01;", 0.1), ("MeshSize {1:4} = 0;", None),
+    ("MeshSize {PointsOf{Surface{1};}} = 0.01;", 0.01), ("MeshSize {1:4} = 0;", None),
     ("Transfinite Curve {1} = 5;", None),
 ])  # fmt: skip
 def test_later_statements_on_sizes(tmp_path: Path, more: str, least: float | None) -> None:
