@@ -48,6 +48,17 @@ FORMATS = (
         most_bytes=20_000_000,
     ),
     Format(
+        "SVG", (".svg",), "svg",
+        "`path`, `rect`, `circle`, `ellipse`, `polygon`, `polyline`, `line`, in groups, with transforms, used again; "
+        "what is not displayed is left out",
+        most_bytes=20_000_000,
+    ),
+    Format(
+        "STEP", (".step", ".stp"), "step",
+        "the faces of a file without solids that lie in one plane; needs Gmsh (`pip install gmsh`)",
+        most_bytes=20_000_000,
+    ),
+    Format(
         "Gmsh script", (".geo",), "geo",
         "points, lines, circle and ellipse arcs, splines, loops, plane surfaces, transfinite curves, variables and "
         "expressions",

@@ -231,16 +231,22 @@ def harmless(name: str, second: Token, set_here: set[str]) -> bool:
     return name in ALLOWED or name in ATTRIBUTES or name in set_here or ends
 
 
-def answer_of(script: str, source: str) -> dict[str, Any]:
-    """What Gmsh says of a script, read in a process of its own."""
+def answer_of(content: str | bytes, source: str, name: str = "script.geo") -> dict[str, Any]:
+    """What Gmsh says of a file, read in a process of its own.
+
+    Args:
+        content: of the file.
+        source: the name that messages begin with.
+        name: of the file: its extension tells Gmsh the format.
+    """
     spec = find_spec("gmsh")
     assert spec is not None
     assert spec.origin is not None
     program = Path(__file__).with_name("gmsh_program.py")
     kept = {name: os.environ[name] for name in ("LD_LIBRARY_PATH",) if name in os.environ}
     with TemporaryDirectory(prefix="freemesh-geo-") as folder:
-        file = Path(folder, "script.geo")
-        file.write_text(script, encoding="utf-8")
+        file = Path(folder, name)
+        file.write_bytes(content.encode() if isinstance(content, str) else content)
         try:
             done = subprocess.run(
                 [sys.executable, "-I", "-S", str(program), spec.origin, str(file)],
@@ -248,18 +254,18 @@ def answer_of(script: str, source: str) -> dict[str, Any]:
                 cwd=folder, env={"OMP_NUM_THREADS": "1", **kept}, check=False,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            raise DomainError(f"{source}: Gmsh took more than {DEADLINE:.0f} s; simplify the script") from None
+            raise DomainError(f"{source}: Gmsh took more than {DEADLINE:.0f} s; simplify the file") from None
     try:
         found: dict[str, Any] = json.loads(done.stdout)
     except ValueError:
-        raise DomainError(f"{source}: Gmsh took too much memory or time, or crashed; simplify the script") from None
+        raise DomainError(f"{source}: Gmsh took too much memory or time, or crashed; simplify the file") from None
     if "unavailable" in found:
         raise DomainError(
             f"{source}: Gmsh cannot be loaded ({excerpt(found['unavailable'], 120)}); install what it needs"
         )
     if "error" in found:
-        said = found["error"].replace(f"'{file}', ", "") or "nothing, and failed"
-        raise DomainError(f"{source}: Gmsh says: {excerpt(said, 160)}; correct the script")
+        said = found["error"].replace(f"'{file}', ", "").replace(str(file), name) or "nothing, and failed"
+        raise DomainError(f"{source}: Gmsh says: {excerpt(said, 160)}; correct the file")
     return found
 
 

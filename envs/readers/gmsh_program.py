@@ -85,6 +85,8 @@ def described(gmsh: Any) -> dict[str, Any]:
         "volumes": len(model.getEntities(3)),
         "curves": {},
         "surfaces": {},
+        "kinds": {},
+        "names": {},
         "embedded": [],
         "groups": [],
     }
@@ -103,6 +105,8 @@ def described(gmsh: Any) -> dict[str, Any]:
         found["surfaces"][tag] = [
             curve for _, curve in model.getBoundary([(2, tag)], combined=False, oriented=True, recursive=False)
         ]
+        found["kinds"][tag] = model.getType(2, tag)
+        found["names"][tag] = model.getEntityName(2, tag)
         found["embedded"] += [[int(dim), int(inside)] for dim, inside in model.mesh.getEmbedded(2, tag)]
     for dim, tag in model.getPhysicalGroups():
         entities = [int(entity) for entity in model.getEntitiesForPhysicalGroup(dim, tag)]

@@ -42,6 +42,21 @@ def excerpt(text: str, most: int = 60) -> str:
     return printable(beginning)
 
 
+def bytes_of(path: Path) -> bytes:
+    """The file's bytes, not empty.
+
+    Raises:
+        DomainError: it cannot be read, or there is nothing in it.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DomainError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    if not content.strip():
+        raise DomainError(f"{path}: the file is empty; write a polygon into it")
+    return content
+
+
 def text_of(path: Path, *, errors: str = "strict") -> str:
     """The file's text (UTF-8, with or without a byte-order mark), not empty.
 
