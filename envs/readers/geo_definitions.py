@@ -185,8 +185,9 @@ def deleted(reader: Reader, recursive: bool = False) -> None:
     """``Delete { Surface{1}; }``, or of physical groups or the mesh."""
     script, model = reader.script, reader.model
     if script.next.text == "{":
+        shapes = shapes_of(script, model)
         try:
-            model.delete(shapes_of(script, model), recursive)
+            model.delete(shapes, recursive)
         except ValueError as error:
             raise script.fault(f"{error}; simplify the script") from None
         script.taken(";")

@@ -55,7 +55,7 @@ END = Token("end", "", 0, 0)
 #: Words of Gmsh's that say what a geometry is, or in which order it is made.
 ALLOWED = frozenset((
     *FUNCTIONS,
-    "Affine", "ArcCos", "ArcSin", "ArcTan", "ArcTan2", "BSpline", "Bezier", "BooleanCoherence", "BooleanCommon",
+    "Affine", "BSpline", "Bezier", "BooleanCoherence", "BooleanCommon",
     "BooleanCut", "BooleanDifference", "BooleanFragments", "BooleanFuse", "BooleanIntersection", "BooleanSection",
     "BooleanUnion", "Boundary", "BoundingBox", "Box", "Block", "Call", "CatmullRom", "CenterOfMass", "Chamfer",
     "Circle", "Closest", "Coherence", "CombinedBoundary", "Cone", "Coordinates", "Curve", "Cylinder",

@@ -19,7 +19,8 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     "Atan2": math.atan2, "Sqrt": math.sqrt, "Exp": math.exp, "Log": math.log, "Log10": math.log10, "Fabs": abs,
     "Abs": abs, "Floor": math.floor, "Ceil": math.ceil, "Round": lambda x: math.floor(x + 0.5), "Hypot": math.hypot,
     "Min": min, "Max": max, "Sinh": math.sinh, "Cosh": math.cosh, "Tanh": math.tanh, "Fmod": math.fmod,
-    "Modulo": math.fmod, "Step": lambda x: float(x >= 0.0),
+    "Modulo": math.fmod, "ArcCos": math.acos, "ArcSin": math.asin, "ArcTan": math.atan, "ArcTan2": math.atan2,
+    "Step": lambda x: float(x >= 0.0),
 }  # fmt: skip
 
 #: What stands between two numbers, the more tightly the later its row.

@@ -17,7 +17,7 @@ TOKEN = re.compile(
 )
 
 #: Words read at most beyond one for each letter of the file: those that loops and macros read again.
-MOST_REPEATED = 2_000_000
+MOST_REPEATED = 1_000_000
 
 
 class NotReadError(DomainError):
