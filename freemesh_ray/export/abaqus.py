@@ -1,8 +1,9 @@
 """Abaqus' and CalculiX' input deck, ``.inp``: the geometry, and names to hang supports and loads on.
 
-Sets: nodes and elements ``ALL``, nodes ``BOUNDARY``, the elements along it ``BOUNDARY_ELEMENTS``, and the surface
-``BOUNDARY`` of the element faces on it. Where the boundary has several loops, each has a node set and a surface of its
-own: ``OUTER``, ``HOLE_1``, ...
+Every side, line and point is a node set, and every side and line, the elements behind it, an element set and a surface,
+all of its name; every region an element set and a node set. ``ALL`` are all nodes and elements. Where the boundary has
+several sides, ``BOUNDARY`` is all of it. Shells have other faces than plane elements: theirs are numbered by their
+edges, E1 to E4, which Abaqus reads.
 """
 
 from __future__ import annotations
@@ -13,30 +14,52 @@ from pathlib import Path
 import numpy as np
 
 from envs.types import Ints
-from freemesh_ray.export.finite_elements import Curve, FiniteElements
+from freemesh_ray.export.abaqus_elements import USUAL
+from freemesh_ray.export.finite_elements import Facets, FiniteElements
+from freemesh_ray.storage.atomic import OutputError
 
-#: Most numbers on a data line of a set.
+#: Most numbers on a data line of a set, or of an element's first line.
 PER_LINE = 16
+#: All of the boundary.
+BOUNDARY = "BOUNDARY"
 
 
-def write(mesh: FiniteElements, path: Path) -> None:
-    """Write plane strain elements: CPE4, or CPE8 of eight nodes."""
-    path.write_bytes("\n".join([*_deck(mesh), ""]).encode("ascii"))
+def write(mesh: FiniteElements, path: Path, element_type: str | None) -> None:
+    """Write elements of a type that has as many nodes; by default plane strain, or solids.
+
+    Raises:
+        OutputError: axisymmetric elements on both sides of their axis, or left of it.
+    """
+    kind = element_type or USUAL[mesh.kind.dimension, mesh.kind.nodes]
+    if kind.startswith("CAX") and mesh.nodes[:, 0].min() < 0.0:
+        x, y = mesh.nodes[mesh.nodes[:, 0].argmin()].tolist()
+        raise OutputError(
+            f"{path.name}: {kind} turns around x = 0, and there is a node at ({x!r}, {y!r}): move the part"
+        )
+    path.write_bytes("\n".join([*_deck(mesh, kind), ""]).encode("ascii"))
 
 
-def _deck(mesh: FiniteElements) -> Iterator[str]:
+def _deck(mesh: FiniteElements, kind: str) -> Iterator[str]:
     yield from ("*HEADING", mesh.title)
     yield "*NODE, NSET=ALL"
-    yield from (f"{i}, {_coordinate(x)}, {_coordinate(y)}" for i, (x, y) in enumerate(mesh.nodes.tolist(), 1))
-    yield f"*ELEMENT, TYPE={'CPE8' if mesh.quadratic else 'CPE4'}, ELSET=ALL"
-    yield from (f"{i}, {', '.join(map(str, nodes))}" for i, nodes in enumerate((mesh.elements + 1).tolist(), 1))
-    yield "*ELSET, ELSET=BOUNDARY_ELEMENTS"
-    yield from _lines(np.unique(mesh.boundary.elements) + 1)
-    for curve in mesh.curves:
-        yield f"*NSET, NSET={curve.name.upper()}"
-        yield from _lines(curve.nodes + 1)
-        yield f"*SURFACE, NAME={curve.name.upper()}, TYPE=ELEMENT"
-        yield from _faces(curve)
+    yield from (f"{i}, {', '.join(map(_coordinate, point))}" for i, point in enumerate(mesh.nodes.tolist(), 1))
+    yield f"*ELEMENT, TYPE={kind}, ELSET=ALL"
+    for i, nodes in enumerate((mesh.elements + 1).tolist(), 1):
+        # A line that ends in a comma goes on in the next.
+        yield from _broken([i, *nodes])
+    for region in mesh.regions:
+        yield f"*ELSET, ELSET={region.name}"
+        yield from _lines(region.elements + 1)
+        yield f"*NSET, NSET={region.name}"
+        yield from _lines(np.unique(mesh.elements[region.elements]) + 1)
+    shells = kind.startswith("S")
+    if len(mesh.sides) > 1 and all(group.name != BOUNDARY for group in mesh.groups()):
+        yield from _facets(BOUNDARY, mesh.boundary, shells)
+    for part in mesh.facets:
+        yield from _facets(part.name, part, shells)
+    for point in mesh.points:
+        yield f"*NSET, NSET={point.name}"
+        yield from _lines(point.nodes + 1)
 
 
 def _coordinate(value: float) -> str:
@@ -48,11 +71,24 @@ def _coordinate(value: float) -> str:
     return np.format_float_positional(value, unique=True, trim="0")
 
 
+def _broken(numbers: list[int]) -> Iterator[str]:
+    for i in range(0, len(numbers), PER_LINE):
+        last = i + PER_LINE >= len(numbers)
+        yield ", ".join(map(str, numbers[i : i + PER_LINE])) + ("" if last else ",")
+
+
 def _lines(numbers: Ints) -> Iterable[str]:
     return (", ".join(map(str, numbers[i : i + PER_LINE].tolist())) for i in range(0, len(numbers), PER_LINE))
 
 
-def _faces(curve: Curve) -> Iterable[str]:
-    """``element, face`` of every element side on a curve; face Sk runs from corner k to the next."""
-    pairs = zip((curve.elements + 1).tolist(), (curve.sides + 1).tolist(), strict=True)
-    return (f"{element}, S{face}" for element, face in pairs)
+def _facets(name: str, part: Facets, shells: bool) -> Iterator[str]:
+    """Nodes, elements, and element sides; a side Sk of a plane element runs from corner k to the next."""
+    yield f"*NSET, NSET={name}"
+    yield from _lines(part.nodes + 1)
+    if len(part.elements):
+        yield f"*ELSET, ELSET={name}"
+        yield from _lines(np.unique(part.elements) + 1)
+        yield f"*SURFACE, NAME={name}, TYPE=ELEMENT"
+        mark = "E" if shells else "S"
+        pairs = zip((part.elements + 1).tolist(), (part.sides + 1).tolist(), strict=True)
+        yield from (f"{element}, {mark}{side}" for element, side in pairs)

@@ -1,55 +1,126 @@
 """Gmsh's ``.msh``, version 4.1 or 2.2, in ASCII.
 
-Quadrilaterals first, then the boundary as lines, in physical groups ``domain`` and ``boundary``. Where the boundary has
-several loops, each is a group too: ``outer``, ``hole_1``, ... Version 2.2 knows one group an element: there the lines
-of such a boundary are in their loop's.
+Elements first, then the sides and lines, then the points. Each part is a physical group and an entity of its own, so
+every element is in one group: readers that know one tag an element keep all names.
 
-Version 4.1 has the element quality as element data ``eta``; a line's is that of the element behind it, because meshio
-reads data of all elements or of none. Of version 2.2 it reads none if there is more than one kind of element.
+Version 4.1 has the element quality as element data ``eta``; that of a side's or a point's is that of an element behind
+it, because meshio reads data of all elements or of none. Of version 2.2 it reads none if there is more than one kind of
+element.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from envs.types import Floats, Ints
+from freemesh_ray.export.element_kinds import Kind, Place
 from freemesh_ray.export.finite_elements import FiniteElements
 
-#: Gmsh's numbers for kinds of elements, by the number of their nodes.
-LINE, QUADRILATERAL = {2: 1, 3: 8}, {4: 3, 8: 16}
-#: The one surface; the loops are the curves 1, 2, ...
-SURFACE = 1
-#: Physical groups have numbers that no other has, in whatever dimension; the boundary's curves follow on the domain.
-DOMAIN = 1
+#: Gmsh's numbers for kinds of elements, by dimension and the number of their nodes.
+TYPES = {
+    (0, 1): 15, (1, 2): 1, (1, 3): 8, (1, 4): 26, (1, 5): 27,
+    (2, 4): 3, (2, 8): 16, (2, 9): 10, (2, 16): 36, (2, 25): 37, (3, 8): 5, (3, 20): 17,
+}  # fmt: skip
+
+#: The edges of a hexahedron, by their middles in `element_kinds`, in Gmsh's order.
+HEXAHEDRON_EDGES = (0, 3, 8, 1, 9, 2, 10, 11, 4, 7, 5, 6)
+
+
+@dataclass(frozen=True)
+class Block:
+    """The elements of a part, which are an entity and a physical group.
+
+    Attributes:
+        dimension: of the entity.
+        entity: its number among those of its dimension.
+        group: the number of the physical group.
+        name: of the part.
+        nodes: (k, nodes of an element) int64, in Gmsh's order.
+        behind: (k,) int64, the element whose quality each has.
+        also: (j,) int64, nodes that belong to the part beside those of its elements.
+    """
+
+    dimension: int
+    entity: int
+    group: int
+    name: str
+    nodes: Ints
+    behind: Ints
+    also: Ints
+
+    @property
+    def type(self) -> int:
+        """Gmsh's number for the elements."""
+        return TYPES[self.dimension, self.nodes.shape[1]]
+
+    @property
+    def members(self) -> Ints:
+        """(n,) int64, ascending: its nodes."""
+        return np.union1d(self.nodes, self.also)
 
 
 def write(mesh: FiniteElements, path: Path, version: str) -> None:
     """Write version ``4.1`` or ``2.2`` of the format."""
-    body = _version_4(mesh) if version == "4.1" else _version_2(mesh)
-    path.write_bytes("\n".join([*_section("MeshFormat", [f"{version} 0 8"]), *body, ""]).encode("ascii"))
+    blocks = list(_blocks(mesh))
+    body = _version_4(mesh, blocks) if version == "4.1" else _version_2(mesh, blocks)
+    path.write_bytes("\n".join([*_section("MeshFormat", [f"{version} 0 8"]), *body, ""]).encode())
 
 
-def _version_4(mesh: FiniteElements) -> Iterator[str]:
-    groups = {curve.name: DOMAIN + i for i, curve in enumerate(mesh.curves, 1)}
-    yield from _section("PhysicalNames", _names(groups))
-    yield from _section("Entities", _entities(mesh, groups))
-    yield from _section("Nodes", _node_blocks(mesh))
-    yield from _section("Elements", _element_blocks(mesh))
-    yield from _section("ElementData", _quality(mesh))
+def _blocks(mesh: FiniteElements) -> Iterator[Block]:
+    """Regions, then sides and lines, then points."""
+    elements = mesh.elements[:, mesh.kind.numbers(_places(mesh.kind))]
+    d, none = mesh.kind.dimension, np.zeros(0, dtype=np.int64)
+    parts: list[tuple[Ints, Ints, Ints]] = [(elements[r.elements], r.elements, none) for r in mesh.regions]
+    parts += [(part.facets, part.elements, part.nodes) for part in mesh.facets]
+    parts += [(point.cells, mesh.element_at(point.cells[:, 0]), none) for point in mesh.points]
+    counts = dict.fromkeys(range(d + 1), 0)
+    for group, (nodes, behind, also) in zip(mesh.groups(), parts, strict=True):
+        counts[group.dimension] += 1
+        yield Block(group.dimension, counts[group.dimension], group.number, group.name, nodes, behind, also)
 
 
-def _version_2(mesh: FiniteElements) -> Iterator[str]:
-    curves = mesh.loops if len(mesh.loops) > 1 else (mesh.boundary,)
-    yield from _section("PhysicalNames", _names({curve.name: DOMAIN + i for i, curve in enumerate(curves, 1)}))
-    nodes = (f"{i} {_point(*point)}" for i, point in enumerate(mesh.nodes.tolist(), 1))
+def _places(kind: Kind) -> list[Place]:
+    """Where an element's nodes lie, in Gmsh's order."""
+    if kind.dimension == 3:
+        return [*kind.places[:8], *(kind.places[8 + i] for i in HEXAHEDRON_EDGES if kind.order == 2)]
+    around = list(kind.places[: 4 * kind.order])
+    return around if kind.serendipity else [*around, *_inside(1, kind.order - 1)]
+
+
+def _inside(low: int, high: int) -> list[Place]:
+    """The places within an element as those of an element: corners, sides, and so on inwards."""
+    if low >= high:
+        return [(low, low)] if low == high else []
+    inner = range(low + 1, high)
+    ring: list[Place] = [(low, low), (high, low), (high, high), (low, high)]
+    ring += [(i, low) for i in inner] + [(high, i) for i in inner]
+    ring += [(i, high) for i in reversed(inner)] + [(low, i) for i in reversed(inner)]
+    return ring + _inside(low + 1, high - 1)
+
+
+def _version_4(mesh: FiniteElements, blocks: list[Block]) -> Iterator[str]:
+    yield from _section("PhysicalNames", _names(blocks))
+    yield from _section("Entities", _entities(mesh, blocks))
+    yield from _section("Nodes", _node_blocks(mesh, blocks))
+    yield from _section("Elements", _element_blocks(blocks))
+    if mesh.eta is not None:
+        yield from _section("ElementData", _quality(mesh.eta, blocks))
+
+
+def _version_2(mesh: FiniteElements, blocks: list[Block]) -> Iterator[str]:
+    yield from _section("PhysicalNames", _names(blocks))
+    nodes = (f"{i} {_point(point)}" for i, point in enumerate(mesh.places.tolist(), 1))
     yield from _section("Nodes", [str(len(mesh.nodes)), *nodes])
-    # Tags of an element: how many, its physical group, its surface or curve.
-    rows = list(_tagged(mesh.elements, QUADRILATERAL, f"2 {DOMAIN} {SURFACE}"))
-    for i, curve in enumerate(curves, 1):
-        rows += _tagged(curve.lines, LINE, f"2 {DOMAIN + i} {i}")
+    # Tags of an element: how many, its physical group, its entity.
+    rows = [
+        f"{block.type} 2 {block.group} {block.entity} {' '.join(map(str, row))}"
+        for block in blocks
+        for row in (block.nodes + 1).tolist()
+    ]
     yield from _section("Elements", [str(len(rows)), *(f"{i} {row}" for i, row in enumerate(rows, 1))])
 
 
@@ -59,66 +130,88 @@ def _section(name: str, lines: Iterable[str]) -> Iterator[str]:
     yield f"$End{name}"
 
 
-def _names(groups: dict[str, int]) -> Iterator[str]:
+def _names(blocks: list[Block]) -> Iterator[str]:
     """Dimension, number and name of the physical groups."""
-    yield str(1 + len(groups))
-    yield from (f'1 {tag} "{name}"' for name, tag in groups.items())
-    yield f'2 {DOMAIN} "domain"'
+    yield str(len(blocks))
+    ascending = sorted(blocks, key=lambda block: (block.dimension, block.group))
+    yield from (f'{block.dimension} {block.group} "{block.name}"' for block in ascending)
 
 
-def _entities(mesh: FiniteElements, groups: dict[str, int]) -> Iterator[str]:
-    """Number, bounding box, physical groups and bounds of every loop (closed: none) and of the surface (the loops)."""
-    yield f"0 {len(mesh.loops)} 1 0"
-    for i, loop in enumerate(mesh.loops, 1):
-        tags = [groups[name] for name in ("boundary", loop.name) if name in groups]
-        yield f"{i} {_box(mesh.nodes[loop.nodes])} {_list(tags)} 0"
-    yield f"{SURFACE} {_box(mesh.nodes)} {_list([DOMAIN])} {_list(range(1, len(mesh.loops) + 1))}"
+def _entities(mesh: FiniteElements, blocks: list[Block]) -> Iterator[str]:
+    """Number, bounding box, physical group and bounds of every part.
+
+    Regions are bounded by the sides and lines that one element of theirs has; these are bounded by nothing.
+    """
+    yield " ".join(str(sum(block.dimension == d for block in blocks)) for d in range(4))
+    bounds = _bounds(mesh, blocks)
+    for d in range(4):
+        for block in (block for block in blocks if block.dimension == d):
+            points = mesh.places[block.members]
+            # A point has its place where others have a box.
+            box = _point(points[0].tolist()) if d == 0 else _box(points)
+            ends = "" if d == 0 else f" {_list(bounds.get(block.group, []))}"
+            yield f"{block.entity} {box} {_list([block.group])}{ends}"
 
 
-def _node_blocks(mesh: FiniteElements) -> Iterator[str]:
-    """Runs of nodes on one loop or inside, so that the nodes of the file are in the order of their numbers."""
-    loop = np.zeros(len(mesh.nodes), dtype=np.int64)
-    for i, curve in enumerate(mesh.loops, 1):
-        loop[curve.nodes] = i
-    runs = np.split(np.arange(len(loop)), np.flatnonzero(np.diff(loop)) + 1)
-    yield f"{len(runs)} {len(loop)} 1 {len(loop)}"
+def _bounds(mesh: FiniteElements, blocks: list[Block]) -> dict[int, list[int]]:
+    """The entities that bound every region, by its group; negative where the region is on their right."""
+    left = mesh.region_of
+    found: dict[int, list[int]] = {region.group: [] for region in blocks[: len(mesh.regions)]}
+    facets = blocks[len(mesh.regions) : len(mesh.regions) + len(mesh.facets)]
+    for i, (block, part) in enumerate(zip(facets, mesh.facets, strict=True)):
+        on_left = np.unique(left[part.elements])
+        for region in on_left.tolist():
+            found[region + 1].append(block.entity)
+        if i >= len(mesh.sides):
+            touching = np.isin(mesh.elements, part.facets).sum(axis=1) >= part.facets.shape[1]
+            others = np.setdiff1d(np.unique(left[touching]), on_left)
+            for region in others.tolist():
+                found[region + 1].append(-block.entity)
+    return found
+
+
+def _node_blocks(mesh: FiniteElements, blocks: list[Block]) -> Iterator[str]:
+    """Runs of nodes on one entity, so that the nodes of the file are in the order of their numbers.
+
+    A node is on the entity of the fewest dimensions, the first of several.
+    """
+    owner = np.zeros(len(mesh.nodes), dtype=np.int64)
+    for i, block in sorted(enumerate(blocks), key=lambda pair: (-pair[1].dimension, -pair[0])):
+        owner[block.members] = i
+    runs = np.split(np.arange(len(owner)), np.flatnonzero(np.diff(owner)) + 1)
+    places = mesh.places
+    yield f"{len(runs)} {len(owner)} 1 {len(owner)}"
     for run in runs:
-        curve_number = loop[run[0]]
-        yield f"{f'1 {curve_number}' if curve_number else f'2 {SURFACE}'} 0 {len(run)}"
+        block = blocks[owner[run[0]]]
+        yield f"{block.dimension} {block.entity} 0 {len(run)}"
         yield from map(str, (run + 1).tolist())
-        yield from (_point(*point) for point in mesh.nodes[run].tolist())
+        yield from (_point(point) for point in places[run].tolist())
 
 
-def _element_blocks(mesh: FiniteElements) -> Iterator[str]:
-    blocks = [(f"2 {SURFACE}", QUADRILATERAL, mesh.elements)]
-    blocks += [(f"1 {i}", LINE, loop.lines) for i, loop in enumerate(mesh.loops, 1) if len(loop.lines)]
-    total = sum(len(nodes) for _, _, nodes in blocks)
-    yield f"{len(blocks)} {total} 1 {total}"
+def _element_blocks(blocks: list[Block]) -> Iterator[str]:
+    filled = [block for block in blocks if len(block.nodes)]
+    total = sum(len(block.nodes) for block in filled)
+    yield f"{len(filled)} {total} 1 {total}"
     number = 1
-    for entity, kinds, nodes in blocks:
-        yield f"{entity} {kinds[nodes.shape[1]]} {len(nodes)}"
-        yield from (f"{i} {' '.join(map(str, row))}" for i, row in enumerate((nodes + 1).tolist(), number))
-        number += len(nodes)
+    for block in filled:
+        yield f"{block.dimension} {block.entity} {block.type} {len(block.nodes)}"
+        yield from (f"{i} {' '.join(map(str, row))}" for i, row in enumerate((block.nodes + 1).tolist(), number))
+        number += len(block.nodes)
 
 
-def _tagged(nodes: Ints, kinds: dict[int, int], tags: str) -> Iterable[str]:
-    """Elements of version 2.2 without their numbers."""
-    return (f"{kinds[nodes.shape[1]]} {tags} {' '.join(map(str, row))}" for row in (nodes + 1).tolist())
-
-
-def _quality(mesh: FiniteElements) -> Iterator[str]:
+def _quality(eta: Floats, blocks: list[Block]) -> Iterator[str]:
     """A view: its name, its time, then step, components and count, and a value an element."""
-    eta = np.concatenate([mesh.eta, *(mesh.eta[loop.elements] for loop in mesh.loops)])
-    yield from ("1", '"eta"', "1", "0.0", "3", "0", "1", str(len(eta)))
-    yield from (f"{i} {value!r}" for i, value in enumerate(eta.tolist(), 1))
+    values = np.concatenate([eta[block.behind] for block in blocks])
+    yield from ("1", '"eta"', "1", "0.0", "3", "0", "1", str(len(values)))
+    yield from (f"{i} {value!r}" for i, value in enumerate(values.tolist(), 1))
 
 
 def _box(points: Floats) -> str:
-    return f"{_point(*points.min(axis=0).tolist())} {_point(*points.max(axis=0).tolist())}"
+    return f"{_point(points.min(axis=0).tolist())} {_point(points.max(axis=0).tolist())}"
 
 
-def _point(x: float, y: float) -> str:
-    return f"{x!r} {y!r} 0.0"
+def _point(place: Iterable[float]) -> str:
+    return " ".join(map(repr, place))
 
 
 def _list(numbers: Iterable[int]) -> str:

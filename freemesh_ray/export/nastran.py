@@ -1,11 +1,8 @@
-"""Nastran's bulk data, ``.bdf``: grid points, shell elements, and the boundary's points as sets.
+"""Nastran's bulk data, ``.bdf``: grid points, shell or solid elements, and the points of named parts.
 
-Sets (SET1): 1 is the boundary; where that has several loops, 2 is the outer one, 3 and on are the holes. Property and
-material (PSHELL, MAT1) are placeholders for the user's own.
-
-A field holds sixteen characters, fewer than every bit of a double may need. Numbers that fit are exact; others are
-rounded to 15 significant digits (negative ones: 14) between 0.1 and 1e14, to at least 13 (12) between 1e-9 and 0.1, and
-to at least 11 (10) anywhere.
+A region is a property (PSHELL, PSOLID) and a material (MAT1) of its number, placeholders for the user's own. A side,
+line or point is a set of grid points (SET1) and constraints of all their components (SPC1), both of one number, which
+case control may name. The names stand in comments. Where the boundary has several sides, set 1 is all of it.
 """
 
 from __future__ import annotations
@@ -13,36 +10,52 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
+from envs.types import Ints
 from freemesh_ray.export.finite_elements import FiniteElements
+from freemesh_ray.export.fixed_width import fitted
 
 #: Characters of a field in the large format, which the grid points have, and in the small one, which all else has.
 LARGE, SMALL = 16, 8
 #: Fields with data on a line of the small format, between its name and the mark of its continuation.
 PER_LINE = 8
+#: All components of a grid point.
+ALL_COMPONENTS = 123456
+#: The middles of a hexahedron's edges in Nastran's order: below, between, above.
+MIDDLES = [*range(8, 12), *range(16, 20), *range(12, 16)]
 
 
 def write(mesh: FiniteElements, path: Path) -> None:
-    """Write CQUAD4 elements, or CQUAD8 of eight nodes."""
+    """Write CQUAD4 elements, CQUAD8 of eight nodes, or CHEXA."""
     path.write_bytes("\n".join([*_bulk(mesh), ""]).encode("ascii"))
 
 
 def _bulk(mesh: FiniteElements) -> Iterator[str]:
     yield from (f"$ {mesh.title}", "SOL 101", "CEND", "BEGIN BULK")
-    yield "$ Thickness and material are placeholders"
-    yield from _card("PSHELL", [1, 1, "1.0", 1])
-    yield from _card("MAT1", [1, "1.0", "", "0.3"])
-    for i, (x, y) in enumerate(mesh.nodes.tolist(), 1):
+    yield "$ Thickness and material are placeholders" if mesh.kind.dimension == 2 else "$ Material is a placeholder"
+    for i, region in enumerate(mesh.regions, 1):
+        yield f"$ Property {i}: {region.name}"
+        yield from _card("PSHELL", [i, i, "1.0", i]) if mesh.kind.dimension == 2 else _card("PSOLID", [i, i])
+        yield from _card("MAT1", [i, "1.0", "", "0.3"])
+    for i, (x, y, z) in enumerate(mesh.places.tolist(), 1):
         yield f"{'GRID*':8}{i:16}{'':16}{real(x):>16}{real(y):>16}"
-        yield f"{'*':8}{'0.0':>16}"
-    kind = "CQUAD8" if mesh.quadratic else "CQUAD4"
-    for i, nodes in enumerate((mesh.elements + 1).tolist(), 1):
-        yield from _card(kind, [i, 1, *nodes])
-    for i, curve in enumerate(mesh.curves, 1):
-        yield f"$ Set {i}: {curve.name}"
-        yield from _card("SET1", [i, *(curve.nodes + 1).tolist()])
+        yield f"{'*':8}{real(z):>16}"
+    elements = mesh.elements + 1
+    if mesh.kind.nodes == 20:
+        elements = elements[:, [*range(8), *MIDDLES]]
+    card = {4: "CQUAD4"}.get(mesh.kind.nodes, "CQUAD8") if mesh.kind.dimension == 2 else "CHEXA"
+    for i, (region, nodes) in enumerate(zip(mesh.region_of.tolist(), elements.tolist(), strict=True), 1):
+        yield from _card(card, [i, region + 1, *nodes])
+    for i, (name, nodes) in enumerate(_sets(mesh), 1):
+        yield f"$ Set {i}: {name}"
+        yield from _card("SET1", [i, *(nodes + 1).tolist()])
+        yield from _card("SPC1", [i, ALL_COMPONENTS, *(nodes + 1).tolist()])
     yield "ENDDATA"
+
+
+def _sets(mesh: FiniteElements) -> Iterator[tuple[str, Ints]]:
+    if len(mesh.sides) > 1:
+        yield "boundary, all of it", mesh.boundary.nodes
+    yield from mesh.node_sets
 
 
 def _card(name: str, fields: Sequence[int | str]) -> Iterable[str]:
@@ -52,38 +65,8 @@ def _card(name: str, fields: Sequence[int | str]) -> Iterable[str]:
 
 
 def real(value: float) -> str:
-    """The text of at most sixteen characters that is nearest to a finite number; one that is equal to it if there is.
+    """A number in the large format.
 
     Nastran knows a real by its point; an exponent needs a sign, but no letter: ``1.5-7`` is 1.5e-7.
     """
-    exact = np.format_float_positional(value, unique=True, trim="0")
-    if len(exact) <= LARGE:
-        return exact
-    candidates = [text for text in map(_longest, (_decimals(value), _exponentials(value))) if text is not None]
-    return min(candidates, key=lambda text: abs(parsed(text) - value))
-
-
-def parsed(text: str) -> float:
-    """The number that Nastran reads from a field."""
-    sign = max(text.rfind("+"), text.rfind("-"))
-    return float(f"{text[:sign]}e{text[sign:]}" if sign > 0 else text)
-
-
-def _longest(texts: Iterable[str]) -> str | None:
-    """Of ever shorter texts the first that fits."""
-    return next((text for text in texts if len(text) <= LARGE), None)
-
-
-def _decimals(value: float) -> Iterator[str]:
-    """Plain decimals of ever fewer digits, without the zero before the point, which would cost one."""
-    for digits in range(LARGE, 0, -1):
-        text = f"{value:.{digits}f}"
-        yield text.replace("0.", ".", 1) if abs(value) < 1 else text
-    yield f"{value:.0f}."
-
-
-def _exponentials(value: float) -> Iterator[str]:
-    """Decimals with an exponent, of ever fewer digits."""
-    for digits in range(LARGE, 0, -1):
-        mantissa, exponent = f"{value:.{digits}e}".split("e")
-        yield f"{mantissa}{int(exponent):+d}"
+    return fitted(value, LARGE, "")
