@@ -2,8 +2,11 @@
 
 Every side, line and point is a node set, and every side and line, the elements behind it, an element set and a surface,
 all of its name; every region an element set and a node set. ``ALL`` are all nodes and elements. Where the boundary has
-several sides, ``BOUNDARY`` is all of it. Shells have other faces than plane elements: theirs are numbered by their
-edges, E1 to E4, which Abaqus reads.
+several sides, ``BOUNDARY`` is all of it.
+
+The two programs name the edges of shells differently in surfaces, but not in distributed loads. So in place of a surface
+a side of shells has element sets ``LEFT-E1`` to ``LEFT-E4``: those whose edge of that number is on it, for ``EDNOR1``
+to ``EDNOR4``.
 """
 
 from __future__ import annotations
@@ -88,7 +91,11 @@ def _facets(name: str, part: Facets, shells: bool) -> Iterator[str]:
     if len(part.elements):
         yield f"*ELSET, ELSET={name}"
         yield from _lines(np.unique(part.elements) + 1)
+        if shells:
+            for side in np.unique(part.sides).tolist():
+                yield f"*ELSET, ELSET={name}-E{side + 1}"
+                yield from _lines(part.elements[part.sides == side] + 1)
+            return
         yield f"*SURFACE, NAME={name}, TYPE=ELEMENT"
-        mark = "E" if shells else "S"
         pairs = zip((part.elements + 1).tolist(), (part.sides + 1).tolist(), strict=True)
-        yield from (f"{element}, {mark}{side}" for element, side in pairs)
+        yield from (f"{element}, S{side}" for element, side in pairs)

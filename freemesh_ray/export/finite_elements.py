@@ -142,6 +142,13 @@ class FiniteElements:
         named += [(d - 2, point.name) for point in self.points]
         return (Group(i, dimension, name) for i, (dimension, name) in enumerate(named, 1))
 
+    def cell_numbers(self) -> list[Ints]:
+        """For every group, in their order, the numbers from 0 of its cells: elements keep theirs, others follow."""
+        found = [region.elements for region in self.regions]
+        counts = [*(len(part.facets) for part in self.facets), *(len(point.cells) for point in self.points)]
+        ends = len(self.elements) + np.cumsum(counts)
+        return found + [np.arange(end - count, end) for end, count in zip(ends, counts, strict=True)]
+
     @property
     def title(self) -> str:
         """One line of printable ASCII, no longer than the formats' comments may be."""

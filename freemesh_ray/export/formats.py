@@ -80,7 +80,7 @@ FORMATS: dict[str, Format] = {
     ".inp": Format(
         "Abaqus, CalculiX", "abaqus", TEXT, element_types=tuple(NODES),
         sides="NSET, ELSET, SURFACE", regions="NSET, ELSET", lines="NSET, ELSET, SURFACE", points="NSET",
-        rule=NameRule(76, allowed="A-Za-z0-9_-", letter_first=True, capitals=True, reserved=frozenset({"ALL"})),
+        rule=NameRule(76, allowed="A-Za-z0-9_", letter_first=True, capitals=True, reserved=frozenset({"ALL"})),
     ),
     ".bdf": Format(
         "Nastran", "nastran", TEXT,

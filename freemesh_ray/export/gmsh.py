@@ -39,6 +39,7 @@ class Block:
         entity: its number among those of its dimension.
         group: the number of the physical group.
         name: of the part.
+        numbers: (k,) int64, those of its elements in the file, from 1.
         nodes: (k, nodes of an element) int64, in Gmsh's order.
         behind: (k,) int64, the element whose quality each has.
         also: (j,) int64, nodes that belong to the part beside those of its elements.
@@ -48,6 +49,7 @@ class Block:
     entity: int
     group: int
     name: str
+    numbers: Ints
     nodes: Ints
     behind: Ints
     also: Ints
@@ -78,9 +80,9 @@ def _blocks(mesh: FiniteElements) -> Iterator[Block]:
     parts += [(part.facets, part.elements, part.nodes) for part in mesh.facets]
     parts += [(point.cells, mesh.element_at(point.cells[:, 0]), none) for point in mesh.points]
     counts = dict.fromkeys(range(d + 1), 0)
-    for group, (nodes, behind, also) in zip(mesh.groups(), parts, strict=True):
+    for group, numbers, part in zip(mesh.groups(), mesh.cell_numbers(), parts, strict=True):
         counts[group.dimension] += 1
-        yield Block(group.dimension, counts[group.dimension], group.number, group.name, nodes, behind, also)
+        yield Block(group.dimension, counts[group.dimension], group.number, group.name, numbers + 1, *part)
 
 
 def _places(kind: Kind) -> list[Place]:
@@ -116,12 +118,12 @@ def _version_2(mesh: FiniteElements, blocks: list[Block]) -> Iterator[str]:
     nodes = (f"{i} {_point(point)}" for i, point in enumerate(mesh.places.tolist(), 1))
     yield from _section("Nodes", [str(len(mesh.nodes)), *nodes])
     # Tags of an element: how many, its physical group, its entity.
-    rows = [
-        f"{block.type} 2 {block.group} {block.entity} {' '.join(map(str, row))}"
+    rows = {
+        number: f"{number} {block.type} 2 {block.group} {block.entity} {' '.join(map(str, row))}"
         for block in blocks
-        for row in (block.nodes + 1).tolist()
-    ]
-    yield from _section("Elements", [str(len(rows)), *(f"{i} {row}" for i, row in enumerate(rows, 1))])
+        for number, row in zip(block.numbers.tolist(), (block.nodes + 1).tolist(), strict=True)
+    }
+    yield from _section("Elements", [str(len(rows)), *(rows[number] for number in sorted(rows))])
 
 
 def _section(name: str, lines: Iterable[str]) -> Iterator[str]:
@@ -192,18 +194,18 @@ def _element_blocks(blocks: list[Block]) -> Iterator[str]:
     filled = [block for block in blocks if len(block.nodes)]
     total = sum(len(block.nodes) for block in filled)
     yield f"{len(filled)} {total} 1 {total}"
-    number = 1
     for block in filled:
         yield f"{block.dimension} {block.entity} {block.type} {len(block.nodes)}"
-        yield from (f"{i} {' '.join(map(str, row))}" for i, row in enumerate((block.nodes + 1).tolist(), number))
-        number += len(block.nodes)
+        rows = zip(block.numbers.tolist(), (block.nodes + 1).tolist(), strict=True)
+        yield from (f"{number} {' '.join(map(str, row))}" for number, row in rows)
 
 
 def _quality(eta: Floats, blocks: list[Block]) -> Iterator[str]:
-    """A view: its name, its time, then step, components and count, and a value an element."""
-    values = np.concatenate([eta[block.behind] for block in blocks])
+    """A view: its name, its time, then step, components and count, and a value an element, in the elements' order."""
+    values = np.concatenate([eta[block.behind] for block in blocks]).tolist()
+    numbers = np.concatenate([block.numbers for block in blocks]).tolist()
     yield from ("1", '"eta"', "1", "0.0", "3", "0", "1", str(len(values)))
-    yield from (f"{i} {value!r}" for i, value in enumerate(values.tolist(), 1))
+    yield from (f"{number} {value!r}" for number, value in zip(numbers, values, strict=True))
 
 
 def _box(points: Floats) -> str:

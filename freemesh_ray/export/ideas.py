@@ -1,15 +1,13 @@
 """I-deas' universal file, ``.unv``: datasets of nodes, elements and groups.
 
-A region's elements have its number as property and material. Each region, side and line is a group of elements, those
-of sides and lines being rods or beams, or shells on hexahedra; each point is a group of nodes.
+Each region, side and line is a group of elements, those of sides and lines being rods or beams, or shells on hexahedra;
+each point is a group of nodes, of swept ones of beams. A group's number is its elements' property and material, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-
-import numpy as np
 
 from envs.types import Ints
 from freemesh_ray.export.finite_elements import FiniteElements
@@ -53,35 +51,30 @@ def _nodes(mesh: FiniteElements) -> Iterator[str]:
 
 
 def _elements(mesh: FiniteElements) -> Iterator[str]:
-    """Regions, then sides and lines, then the edges of points, in the order of the groups."""
-    number = 1
-    for dimension, material, nodes in _blocks(mesh):
+    """Of every part, its number as property and material."""
+    for (dimension, nodes), group, numbers in zip(_blocks(mesh), mesh.groups(), mesh.cell_numbers(), strict=False):
         kind = TYPES[dimension, nodes.shape[1]]
         walked = nodes[:, WALKS.get((dimension, nodes.shape[1]), range(nodes.shape[1]))] + 1
-        for row in walked.tolist():
-            yield _row([number, kind, material, material, 7, len(row)])
+        for number, row in zip((numbers + 1).tolist(), walked.tolist(), strict=True):
+            yield _row([number, kind, group.number, group.number, 7, len(row)])
             if dimension == 1:
                 yield _row([0, 1, 1])  # orientation and sections of a beam
             yield from (_row(row[i : i + 8]) for i in range(0, len(row), 8))
-            number += 1
 
 
-def _blocks(mesh: FiniteElements) -> Iterator[tuple[int, int, Ints]]:
-    """Dimension, material and nodes of every part that has elements."""
+def _blocks(mesh: FiniteElements) -> Iterator[tuple[int, Ints]]:
+    """Dimension and nodes of every part that has elements, in the order of the groups."""
     d = mesh.kind.dimension
-    yield from ((d, i, mesh.elements[region.elements]) for i, region in enumerate(mesh.regions, 1))
-    yield from ((d - 1, 1, part.facets) for part in mesh.facets)
-    yield from ((1, 1, point.cells) for point in mesh.points if d == 3)
+    yield from ((d, mesh.elements[region.elements]) for region in mesh.regions)
+    yield from ((d - 1, part.facets) for part in mesh.facets)
+    yield from ((1, point.cells) for point in mesh.points if d == 3)
 
 
 def _groups(mesh: FiniteElements) -> Iterator[str]:
-    sizes = [len(nodes) for _, _, nodes in _blocks(mesh)]
-    ends = np.cumsum(sizes)
-    for i, group in enumerate(mesh.groups()):
-        if i < len(sizes):
-            entity, tags = ELEMENT, np.arange(ends[i] - sizes[i], ends[i])
-        else:
-            entity, tags = NODE, mesh.points[i - len(sizes)].nodes
+    entities = [(ELEMENT, numbers) for numbers in mesh.cell_numbers()]
+    if mesh.kind.dimension == 2:
+        entities[len(entities) - len(mesh.points) :] = [(NODE, point.nodes) for point in mesh.points]
+    for group, (entity, tags) in zip(mesh.groups(), entities, strict=True):
         yield _row([group.number, 0, 0, 0, 0, 0, 0, len(tags)])
         yield group.name
         entries = [f"{entity:10}{tag:10}{0:10}{0:10}" for tag in (tags + 1).tolist()]

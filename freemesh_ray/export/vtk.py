@@ -37,10 +37,13 @@ def write(mesh: FiniteElements, path: Path) -> None:
 
 def _document(mesh: FiniteElements) -> Iterator[str]:
     blocks = list(_cells(mesh))
+    counts = [len(nodes) for _, nodes, _ in blocks]
+    sizes = np.repeat([nodes.shape[1] for _, nodes, _ in blocks], counts)
+    types = np.repeat([TYPES[dimension, nodes.shape[1]] for dimension, nodes, _ in blocks], counts)
     groups = list(mesh.groups())
-    counts = [len(nodes) for nodes, _ in blocks]
-    sizes = np.repeat([nodes.shape[1] for nodes, _ in blocks], counts)
-    types = np.repeat([TYPES[g.dimension, b[0].shape[1]] for g, b in zip(groups, blocks, strict=True)], counts)
+    group_of = np.empty(sum(counts), dtype=np.int64)
+    for group, numbers in zip(groups, mesh.cell_numbers(), strict=True):
+        group_of[numbers] = group.number
     yield '<?xml version="1.0"?>'
     yield (
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt32" '
@@ -54,24 +57,24 @@ def _document(mesh: FiniteElements) -> Iterator[str]:
     yield f'<Piece NumberOfPoints="{len(mesh.nodes)}" NumberOfCells="{sum(counts)}">'
     yield from ("<Points>", _array("Points", mesh.places, components=3), "</Points>")
     yield "<Cells>"
-    yield _array("connectivity", np.concatenate([nodes.ravel() for nodes, _ in blocks]))
+    yield _array("connectivity", np.concatenate([nodes.ravel() for _, nodes, _ in blocks]))
     yield _array("offsets", np.cumsum(sizes))
     yield _array("types", types.astype(np.uint8))
     yield "</Cells>"
     yield "<CellData>"
     if mesh.eta is not None:
-        yield _array("eta", np.concatenate([mesh.eta[behind] for _, behind in blocks]))
-    yield _array("group", np.repeat([group.number for group in groups], counts))
+        yield _array("eta", np.concatenate([mesh.eta[behind] for _, _, behind in blocks]))
+    yield _array("group", group_of)
     yield "</CellData>"
     yield from ("</Piece>", "</UnstructuredGrid>", "</VTKFile>")
 
 
-def _cells(mesh: FiniteElements) -> Iterator[tuple[Ints, Ints]]:
-    """For every part, in the order of the groups, its cells' nodes and the elements behind them."""
-    elements = mesh.elements[:, mesh.kind.numbers(_places(mesh.kind))]
-    yield from ((elements[region.elements], region.elements) for region in mesh.regions)
-    yield from ((part.facets, part.elements) for part in mesh.facets)
-    yield from ((point.cells, mesh.element_at(point.cells[:, 0])) for point in mesh.points)
+def _cells(mesh: FiniteElements) -> Iterator[tuple[int, Ints, Ints]]:
+    """Dimension and nodes of the elements, then of every side, line and point; and the elements behind the cells."""
+    d = mesh.kind.dimension
+    yield d, mesh.elements[:, mesh.kind.numbers(_places(mesh.kind))], np.arange(len(mesh.elements))
+    yield from ((d - 1, part.facets, part.elements) for part in mesh.facets)
+    yield from ((d - 2, point.cells, mesh.element_at(point.cells[:, 0])) for point in mesh.points)
 
 
 def _places(kind: Kind) -> list[Place]:
