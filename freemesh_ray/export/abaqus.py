@@ -4,9 +4,9 @@ Every side, line and point is a node set, and every side and line, the elements 
 all of its name; every region an element set and a node set. ``ALL`` are all nodes and elements. Where the boundary has
 several sides, ``BOUNDARY`` is all of it.
 
-The two programs name the edges of shells differently in surfaces, but not in distributed loads. So in place of a surface
-a side of shells has element sets ``LEFT-E1`` to ``LEFT-E4``: those whose edge of that number is on it, for ``EDNOR1``
-to ``EDNOR4``.
+The two programs name the edges of shells differently in surfaces, but not in distributed loads. So in place of a
+surface a side of shells has element sets ``LEFT-E1`` to ``LEFT-E4``: those whose edge of that number is on it, for
+``EDNOR1`` to ``EDNOR4``.
 """
 
 from __future__ import annotations

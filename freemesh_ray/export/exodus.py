@@ -6,6 +6,7 @@ Exodus II, SAND92-2137.)
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,13 @@ MIDDLES = [*range(8, 12), *range(16, 20), *range(12, 16)]
 
 def write(mesh: FiniteElements, path: Path) -> None:
     """Write quadrilaterals of 4, 8 or 9 nodes, or hexahedra of 8 or 20."""
+    path.write_bytes(_encoded(mesh))
+
+
+def _encoded(mesh: FiniteElements) -> bytes:
     d, n, m = mesh.kind.dimension, len(mesh.nodes), len(mesh.elements)
-    file = netcdf_file(path, "w", version=2)
-    try:
+    bytes_of = BytesIO()
+    with netcdf_file(bytes_of, "w", version=2) as file:
         file.api_version = np.float32(8.11)
         file.version = np.float32(8.11)
         file.floating_point_word_size = np.int32(8)
@@ -46,8 +51,8 @@ def write(mesh: FiniteElements, path: Path) -> None:
         _blocks(file, mesh)
         _side_sets(file, mesh)
         _node_sets(file, mesh)
-    finally:
-        file.close()
+        file.flush()
+        return bytes_of.getvalue()
 
 
 def _blocks(file: Any, mesh: FiniteElements) -> None:

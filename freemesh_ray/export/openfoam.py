@@ -12,6 +12,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +32,12 @@ UNFINISHED = "unfinished"
 
 def write(mesh: FiniteElements, path: Path) -> None:
     """Write an archive of the files."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    bytes_of = BytesIO()
+    with zipfile.ZipFile(bytes_of, "w") as archive:
         for name, text in files(mesh, f"{path.stem}.foam").items():
+            # Without the time, so that a mesh gives the same bytes.
             archive.writestr(zipfile.ZipInfo(name), text, zipfile.ZIP_DEFLATED)
+    path.write_bytes(bytes_of.getvalue())
 
 
 def files(mesh: FiniteElements, marker: str) -> dict[str, bytes]:

@@ -86,7 +86,13 @@ def nastran(path: Path) -> Found:
     real = lambda text: float(re.sub(r"(?<=[\d.])([+-])", r"e\1", text))  # noqa: E731
     found = Found(
         np.array([[real(x) for x in card[3:6]] for card in cards if card[0] == "GRID*"]),
-        np.array([[int(x) - 1 for x in c[3 : 11 if c[0] == "CHEXA" else 7]] for c in cards if c[0] in ("CQUAD4", "CQUAD8", "CHEXA")]),
+        np.array(
+            [
+                [int(x) - 1 for x in c[3 : 11 if c[0] == "CHEXA" else 7]]
+                for c in cards
+                if c[0] in ("CQUAD4", "CQUAD8", "CHEXA")
+            ]
+        ),
     )
     region = np.array([int(c[2]) for c in cards if c[0] in ("CQUAD4", "CQUAD8", "CHEXA")])
     for card in cards:
@@ -128,15 +134,16 @@ def ideas(path: Path) -> Found:
     assert [number for number, _ in blocks] == ["2411", "2412", "2467"]
     nodes, elements, groups = (text.splitlines() for _, text in blocks)
     places = np.array([[float(row[i : i + 25].replace("D", "E")) for i in (0, 25, 50)] for row in nodes[1::2]])
-    every: list[tuple[int, list[int]]] = []
+    by_label: dict[int, tuple[int, list[int]]] = {}
     while elements:
-        _, kind, _, _, _, count = map(int, elements.pop(0).split())
+        label, kind, _, _, _, count = map(int, elements.pop(0).split())
         if kind in (11, 24):
             elements.pop(0)
         row: list[int] = []
         while len(row) < count:
             row += map(int, elements.pop(0).split())
-        every.append((kind, [node - 1 for node in row]))
+        by_label[label] = kind, [node - 1 for node in row]
+    every = [by_label[label] for label in range(1, len(by_label) + 1)]
     corner = {11: [0, 1], 24: [0, 2], 44: range(4), 45: [0, 2, 4, 6], 115: range(8), 116: [0, 2, 4, 6, 12, 14, 16, 18]}
     cells = [[row[i] for i in corner[kind]] for kind, row in every]
     largest = max(map(len, cells))
@@ -205,12 +212,19 @@ def openfoam(path: Path) -> Found:
     # The rules of the format: upper triangular order, and faces that look from their owner.
     assert (owner[:inner] < neighbour).all()
     assert (np.lexsort([neighbour, owner[:inner]]) == np.arange(inner)).all()
-    centres = np.array([nodes[faces[(owner == c) | (np.append(neighbour, [-1] * (len(faces) - inner)) == c)]].mean(axis=(0, 1)) for c in range(owner.max() + 1)])
+    centres = np.array(
+        [
+            nodes[faces[(owner == c) | (np.append(neighbour, [-1] * (len(faces) - inner)) == c)]].mean(axis=(0, 1))
+            for c in range(owner.max() + 1)
+        ]
+    )
     p = nodes[faces]
     normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     assert ((p.mean(axis=1) - centres[owner]) * normal).sum(axis=1).min() > 0.0
     patches = re.findall(r"^(\S+) \{ type (\w+); nFaces (\d+); startFace (\d+); \}$", body["boundary"], flags=re.M)
-    assert [int(start) for *_, start in patches] == (inner + np.cumsum([0, *(int(n) for _, _, n, _ in patches)])[:-1]).tolist()
+    assert [int(start) for *_, start in patches] == (
+        inner + np.cumsum([0, *(int(n) for _, _, n, _ in patches)])[:-1]
+    ).tolist()
     sides = {name: faces[int(start) : int(start) + int(n)] for name, _, n, start in patches}
 
     def zones(name: str) -> dict[str, Ints]:
@@ -220,7 +234,7 @@ def openfoam(path: Path) -> Found:
 
     lines = {name: faces[labels] for name, labels in zones("faceZones").items()}
     points, regions = zones("pointZones"), zones("cellZones")
-    if dict((name, kind) for name, kind, *_ in patches).get("frontAndBack") != "empty":
+    if {name: kind for name, kind, *_ in patches}.get("frontAndBack") != "empty":
         return Found(nodes, np.zeros((len(centres), 8), dtype=np.int64), sides, lines, regions, points)
     n = len(nodes) // 2
     assert nodes[:n, :2].tobytes() == nodes[n:, :2].tobytes()
@@ -237,7 +251,9 @@ def exodus(path: Path) -> Found:
     """Coordinates, blocks, side sets and node sets by their names; the elements in the order of ``elem_num_map``."""
     with netcdf_file(path, "r", mmap=False) as file:
         v = {name: np.array(variable[:]) for name, variable in file.variables.items()}
-        kinds = {name: variable.elem_type.decode() for name, variable in file.variables.items() if name.startswith("connect")}
+        kinds = {
+            name: variable.elem_type.decode() for name, variable in file.variables.items() if name.startswith("connect")
+        }
         assert file.title
     names = lambda kind: [b"".join(row).rstrip(b"\0").decode() for row in v.get(f"{kind}_names", [])]  # noqa: E731
     solid = "coordz" in v
@@ -256,7 +272,9 @@ def exodus(path: Path) -> Found:
     if solid:
         local = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [0, 4, 7, 3], [0, 3, 2, 1], [4, 5, 6, 7]])
     for i, name in enumerate(names("ss"), 1):
-        found.sides[name] = listed[v[f"elem_ss{i}"] - 1][np.arange(len(v[f"elem_ss{i}"]))[:, None], local[v[f"side_ss{i}"] - 1]]
+        found.sides[name] = listed[v[f"elem_ss{i}"] - 1][
+            np.arange(len(v[f"elem_ss{i}"]))[:, None], local[v[f"side_ss{i}"] - 1]
+        ]
     found.sets = {name: v[f"node_ns{i}"] - 1 for i, name in enumerate(names("ns"), 1)}
     return found
 
@@ -292,7 +310,10 @@ def mfem(path: Path) -> Found:
     """Elements, boundary, vertices, and of order 2 and above the nodes."""
     text = path.read_text(encoding="ascii")
     assert text.startswith("MFEM mesh v1.0\n")
-    names = {(about, int(i)): name for about, i, name in re.findall(r"^# (attribute|boundary attribute) (\d+): (.*)$", text, flags=re.M)}
+    names = {
+        (about, int(i)): name
+        for about, i, name in re.findall(r"^# (attribute|boundary attribute) (\d+): (.*)$", text, flags=re.M)
+    }
     words = re.sub(r"^#.*$", "", text, flags=re.M).split("\n")
     rows = [row for row in words if row.strip()][1:]
     where = {row: i for i, row in enumerate(rows)}

@@ -12,7 +12,21 @@ from envs.mesh import Groups, Mesh, edges_of, sides
 from envs.types import Floats, Ints
 
 #: Names that some format cannot hold as they are, and that may come out alike.
-NAMES = ("left", "Left", "left side", "left_side", "Größe 1", "1st", "a/b", "domain", "all", "x" * 90, "→", "boundary", "top")
+NAMES = (
+    "left",
+    "Left",
+    "left side",
+    "left_side",
+    "Größe 1",
+    "1st",
+    "a/b",
+    "domain",
+    "all",
+    "x" * 90,
+    "→",
+    "boundary",
+    "top",
+)
 
 
 def outline(quads: Ints) -> Ints:
@@ -45,13 +59,17 @@ def split(mesh: Mesh, path: list[int], above: Ints) -> Mesh:
     new = {vertex: len(mesh.vertices) + i for i, vertex in enumerate(inner)}
     quads = mesh.quads.copy()
     quads[above] = np.vectorize(lambda vertex: new.get(vertex, vertex))(quads[above])
-    return replace(mesh, vertices=np.concatenate([mesh.vertices, mesh.vertices[inner]]), quads=quads, segments=outline(quads))
+    return replace(
+        mesh, vertices=np.concatenate([mesh.vertices, mesh.vertices[inner]]), quads=quads, segments=outline(quads)
+    )
 
 
 def cracked() -> Mesh:
     """A grid of 6 by 4 elements with a crack of four edges inside and its two sides named."""
     mesh = split(grid(6, 4), [15, 16, 17, 18, 19], np.arange(12, 24))
-    upper, lower = (mesh.segments[np.isin(mesh.segments, within).any(axis=1)] for within in ([35, 36, 37], [16, 17, 18]))
+    upper, lower = (
+        mesh.segments[np.isin(mesh.segments, within).any(axis=1)] for within in ([35, 36, 37], [16, 17, 18])
+    )
     return replace(mesh, groups=Groups(sides={"crack_above": upper, "crack_below": lower}))
 
 
@@ -128,8 +146,13 @@ def block(nodes: int = 8, layers: int = 2) -> Block:
     groups = BlockGroups(
         faces={name: raised(edges) for name, edges in flat.groups.sides.items()} | {"back": flat.quads[:, ::-1]},
         interfaces={name: raised(edges) for name, edges in flat.groups.lines.items()},
-        regions={name: np.concatenate([some + k * m for k in range(layers)]) for name, some in flat.groups.regions.items()},
-        edges={name: np.array([[v + k * n, v + (k + 1) * n] for k in range(layers)]) for name, v in flat.groups.points.items()},
+        regions={
+            name: np.concatenate([some + k * m for k in range(layers)]) for name, some in flat.groups.regions.items()
+        },
+        edges={
+            name: np.array([[v + k * n, v + (k + 1) * n] for k in range(layers)])
+            for name, v in flat.groups.points.items()
+        },
     )
     if nodes == 8:
         return Block("block", places, hexes, groups)

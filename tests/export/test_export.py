@@ -12,39 +12,21 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from shapes import cracked, grid, holed, named
 
 from envs.mesh import Mesh, sides
 from envs.polygons.rings import LARGEST_COORDINATE
 from envs.quality import element_quality
 from freemesh_ray.export import SUFFIXES, write
-from freemesh_ray.export.finite_elements import finite_elements
-from freemesh_ray.export.nastran import parsed, real
+from freemesh_ray.export.fixed_width import parsed
+from freemesh_ray.export.nastran import real
+from freemesh_ray.export.plane import plane_elements
 from freemesh_ray.storage.atomic import OutputError
 
 FORMATS = [("mesh.vtu", "4.1"), ("mesh.msh", "4.1"), ("mesh.msh", "2.2"), ("mesh.inp", "4.1"), ("mesh.obj", "4.1")]
 ALL = [*FORMATS, ("mesh.bdf", "4.1")]
 #: Formats that have quadratic elements.
 QUADRATIC = [form for form in ALL if form[0] != "mesh.obj"]
-
-
-def grid(
-    columns: int = 3, rows: int = 2, scale: float = 1.0, shift: float = 0.0, without: tuple[int, ...] = ()
-) -> Mesh:
-    """A distorted grid whose coordinates have no short decimals; elements left out make holes."""
-    x, y = np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0))
-    vertices = np.column_stack([x.ravel(), y.ravel()])
-    vertices = (vertices + np.random.default_rng(3).uniform(-0.2, 0.2, vertices.shape)) * scale + shift
-    i = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    quads = np.delete(np.column_stack([i, i + 1, i + columns + 2, i + columns + 1]), without, axis=0)
-    walked = sides(quads).reshape(-1, 2)
-    back = {tuple(side) for side in walked[:, ::-1].tolist()}
-    segments = np.array([side for side in walked.tolist() if tuple(side) not in back])
-    return Mesh("grid", vertices, quads, segments, True)
-
-
-def holed() -> Mesh:
-    """A grid with two holes, one element and three."""
-    return grid(6, 6, without=(8, 20, 21, 22))
 
 
 def read(path: Path) -> meshio.Mesh:
@@ -80,7 +62,7 @@ def test_what_is_read_back_is_the_same_bit_for_bit(
 ):
     mesh, quadratic = grid(scale=scale, shift=shift), quadratic and (name, version) in QUADRATIC
     write(mesh, tmp_path / name, version=version, quadratic=quadratic)
-    found, expected = read(tmp_path / name), finite_elements(mesh, quadratic)
+    found, expected = read(tmp_path / name), plane_elements(mesh, 8 if quadratic else 4)
     assert np.ascontiguousarray(found.points[:, :2]).tobytes() == expected.nodes.tobytes()
     assert not found.points[:, 2:].any()
     assert found.cells[0].type == ("quad8" if quadratic else "quad")
@@ -95,7 +77,7 @@ def test_what_is_read_back_is_the_same_bit_for_bit(
 def test_nastran_keeps_as_many_digits_as_its_fields_hold(tmp_path: Path, scale: float, quadratic: bool):
     mesh = grid(scale=scale)
     write(mesh, tmp_path / "mesh.bdf", quadratic=quadratic)
-    found, expected = read(tmp_path / "mesh.bdf"), finite_elements(mesh, quadratic)
+    found, expected = read(tmp_path / "mesh.bdf"), plane_elements(mesh, 8 if quadratic else 4)
     np.testing.assert_allclose(found.points[:, :2], expected.nodes, rtol=5e-12)
     assert [block.type for block in found.cells] == ["quad8" if quadratic else "quad"]
     assert found.cells[0].data.tolist() == expected.elements.tolist()
@@ -136,7 +118,7 @@ def test_an_incomplete_mesh_keeps_all_its_vertices(tmp_path: Path):
 
 @pytest.mark.parametrize("mesh", [grid(1, 1), grid(7, 5), holed()], ids=["one", "grid", "holes"])
 def test_middle_nodes_are_shared_halfway_and_numbered_after_the_corners(mesh: Mesh):
-    found = finite_elements(mesh, quadratic=True)
+    found = plane_elements(mesh, 8)
     edges, _ = mesh.edges
     n = len(mesh.vertices)
     assert len(found.nodes) == n + len(edges)
@@ -145,41 +127,6 @@ def test_middle_nodes_are_shared_halfway_and_numbered_after_the_corners(mesh: Me
     assert set(found.elements[:, 4:].ravel().tolist()) == set(range(n, n + len(edges)))
     ends = found.nodes[found.elements[:, :4]], found.nodes[np.roll(found.elements[:, :4], -1, axis=1)]
     assert np.array_equal(found.nodes[found.elements[:, 4:]], (ends[0] + ends[1]) / 2)
-
-
-@pytest.mark.parametrize("quadratic", [False, True])
-def test_loops_are_told_apart_and_make_up_the_boundary(quadratic: bool):
-    mesh = holed()
-    found = finite_elements(mesh, quadratic)
-    corners = [set(loop.nodes[loop.nodes < len(mesh.vertices)].tolist()) for loop in found.loops]
-    assert [loop.name for loop in found.loops] == ["outer", "hole_1", "hole_2"]
-    assert corners[1:] == [{9, 10, 16, 17}, {23, 24, 25, 26, 30, 31, 32, 33}]
-    assert len(corners[0]) == 24
-    for curve in (found.boundary, *found.loops):
-        assert set(curve.lines.ravel().tolist()) == set(curve.nodes.tolist())
-        assert np.array_equal(found.elements[curve.elements, curve.sides], curve.lines[:, 0])
-    assert edge_set(found.boundary.lines) == edge_set(mesh.segments)
-    assert set().union(*(edge_set(loop.lines) for loop in found.loops)) == edge_set(mesh.segments)
-
-
-def test_boundary_lines_have_the_domain_on_their_left():
-    found = finite_elements(holed(), quadratic=False)
-    areas = []
-    for loop in found.loops:
-        a, b = found.nodes[loop.lines[:, 0]], found.nodes[loop.lines[:, 1]]
-        areas.append(0.5 * float((a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1]).sum()))
-    assert [area > 0 for area in areas] == [True, False, False]
-    assert math.isclose(sum(areas), holed().areas.sum())
-
-
-@given(st.permutations(range(42)))
-def test_loops_do_not_depend_on_the_order_of_the_segments(order: list[int]):
-    mesh = holed()
-    order = [i for i in order if i < len(mesh.segments)]
-    shuffled = finite_elements(replace(mesh, segments=mesh.segments[order]), quadratic=False)
-    for loop, other in zip(finite_elements(mesh, quadratic=False).loops, shuffled.loops, strict=True):
-        assert loop.nodes.tolist() == other.nodes.tolist()
-        assert loop.lines.tolist() == other.lines.tolist()
 
 
 # ---- other readers ---------------------------------------------------------------------------------------------------
@@ -193,13 +140,13 @@ def test_vtk_reads_the_vtu(tmp_path: Path, quadratic: bool):
     reader = vtk.vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(tmp_path / "mesh.vtu"))
     reader.Update()
-    data, expected = reader.GetOutput(), finite_elements(mesh, quadratic)
+    data, expected = reader.GetOutput(), plane_elements(mesh, 8 if quadratic else 4)
     assert [data.GetPoint(i) for i in range(data.GetNumberOfPoints())] == [(x, y, 0.0) for x, y in expected.nodes]
     assert data.GetCellType(0) == (vtk.VTK_QUADRATIC_QUAD if quadratic else vtk.VTK_QUAD)
     size = expected.elements.shape[1]
-    cells = [[data.GetCell(i).GetPointId(k) for k in range(size)] for i in range(data.GetNumberOfCells())]
+    cells = [[data.GetCell(i).GetPointId(k) for k in range(size)] for i in range(len(expected.elements))]
     assert cells == expected.elements.tolist()
-    assert data.GetCellData().GetArray("eta").GetNumberOfTuples() == 6
+    assert data.GetCellData().GetArray("eta").GetNumberOfTuples() == data.GetNumberOfCells() == 6 + 10
 
 
 @pytest.mark.parametrize(("name", "version"), [("a.msh", "4.1"), ("a.msh", "2.2"), ("a.bdf", "4.1")])
@@ -208,7 +155,7 @@ def test_gmsh_opens_it(tmp_path: Path, name: str, version: str, quadratic: bool)
     gmsh = pytest.importorskip("gmsh")
     mesh, groups = holed(), {}
     write(mesh, tmp_path / name, version=version, quadratic=quadratic)
-    expected = finite_elements(mesh, quadratic)
+    expected = plane_elements(mesh, 8 if quadratic else 4)
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -228,30 +175,25 @@ def test_gmsh_opens_it(tmp_path: Path, name: str, version: str, quadratic: bool)
     np.testing.assert_allclose(points.reshape(-1, 3)[order, :2], expected.nodes, rtol=5e-12 if name == "a.bdf" else 0)
     assert (nodes.reshape(len(elements), -1) - 1).tolist() == expected.elements.tolist()
     if name == "a.msh":
-        curves = expected.curves if version == "4.1" else expected.loops
         assert groups.pop("domain") == set(expected.elements.ravel().tolist())
-        assert groups == {curve.name: set(curve.nodes.tolist()) for curve in curves}
+        assert groups == {side.name: set(side.nodes.tolist()) for side in expected.sides}
 
 
 @pytest.mark.parametrize("version", ["4.1", "2.2"])
-def test_meshio_finds_the_groups_of_a_gmsh_file(tmp_path: Path, version: str):
-    mesh = holed()
+@pytest.mark.parametrize("mesh", [holed(), cracked(), named()], ids=["holes", "crack", "names"])
+def test_meshio_finds_every_part_of_a_gmsh_file_and_each_element_in_one(tmp_path: Path, version: str, mesh: Mesh):
     write(mesh, tmp_path / "mesh.msh", version=version)
-    found = read(tmp_path / "mesh.msh")
-    group = {name: tag for name, (tag, _) in found.field_data.items()}
-    physical = found.cell_data["gmsh:physical"]
-    assert set(physical[0].tolist()) == {group["domain"]}
-    if version == "4.1":
-        named = {name: np.concatenate([block.data[i] for block, i in zip(found.cells[1:], sets[1:], strict=True)])
-                 for name, sets in found.cell_sets.items() if name in group and name != "domain"}  # fmt: skip
-        expected = finite_elements(mesh, quadratic=False).curves
-    else:
-        named = {name: found.cells[1].data[physical[1] == tag] for name, tag in group.items() if name != "domain"}
-        expected = finite_elements(mesh, quadratic=False).loops
-    assert {name: lines.tolist() for name, lines in named.items() if name != "boundary"} == {
-        curve.name: curve.lines.tolist() for curve in expected if curve.name != "boundary"
-    }
-    assert "boundary" not in named or edge_set(named["boundary"]) == edge_set(mesh.segments)
+    found, expected = read(tmp_path / "mesh.msh"), plane_elements(mesh)
+    wanted = {region.name: expected.elements[region.elements] for region in expected.regions}
+    wanted |= {part.name: part.facets for part in expected.facets} | {p.name: p.cells for p in expected.points}
+    dimensions = dict.fromkeys((r.name for r in expected.regions), 2) | {part.name: 1 for part in expected.facets}
+    dimensions |= dict.fromkeys((point.name for point in expected.points), 0)
+    assert {name: dimension for name, (_, dimension) in found.field_data.items()} == dimensions
+    blocks = list(zip(found.cells, found.cell_data["gmsh:physical"], strict=True))
+    for name, (tag, _) in found.field_data.items():
+        rows = np.concatenate([block.data[tags == tag] for block, tags in blocks if (tags == tag).any()])
+        assert rows.tolist() == wanted[name].tolist()
+    assert sum(len(block.data) for block, _ in blocks) == sum(map(len, wanted.values()))
 
 
 @pytest.mark.parametrize("quadratic", [False, True])
@@ -275,42 +217,6 @@ def test_a_gmsh_file_without_holes_has_the_groups_domain_and_boundary(tmp_path: 
 
 
 # ---- Abaqus and Nastran ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("quadratic", [False, True])
-def test_the_abaqus_deck_has_what_a_simulation_needs(tmp_path: Path, quadratic: bool):
-    mesh = grid(9, 8)
-    write(mesh, tmp_path / "mesh.inp", quadratic=quadratic)
-    text = (tmp_path / "mesh.inp").read_text()
-    found, expected = cards(text), finite_elements(mesh, quadratic)
-    assert list(found) == [
-        "*HEADING", "*NODE, NSET=ALL", f"*ELEMENT, TYPE={'CPE8' if quadratic else 'CPE4'}, ELSET=ALL",
-        "*ELSET, ELSET=BOUNDARY_ELEMENTS", "*NSET, NSET=BOUNDARY", "*SURFACE, NAME=BOUNDARY, TYPE=ELEMENT",
-    ]  # fmt: skip
-    assert max(len(line.split(",")) for line in text.splitlines()) <= 16
-    nodes = np.array(numbers(found["*NSET, NSET=BOUNDARY"])) - 1
-    assert nodes[nodes < len(mesh.vertices)].tolist() == np.flatnonzero(mesh.on_boundary).tolist()
-    assert (len(nodes) > mesh.on_boundary.sum()) == quadratic
-    along = (mesh.on_boundary[mesh.quads] & np.roll(mesh.on_boundary[mesh.quads], -1, axis=1)).any(axis=1)
-    assert numbers(found["*ELSET, ELSET=BOUNDARY_ELEMENTS"]) == [*np.flatnonzero(along) + 1]
-    pairs = [line.split(", S") for line in found["*SURFACE, NAME=BOUNDARY, TYPE=ELEMENT"]]
-    corners = expected.elements[:, :4]
-    assert edge_set(
-        np.array([(corners[int(e) - 1, int(f) - 1], corners[int(e) - 1, int(f) % 4]) for e, f in pairs])
-    ) == edge_set(mesh.segments)
-
-
-def test_the_loops_of_the_boundary_are_sets_of_the_decks(tmp_path: Path):
-    mesh = holed()
-    expected = {curve.name: (curve.nodes + 1).tolist() for curve in finite_elements(mesh, quadratic=False).curves}
-    write(mesh, tmp_path / "mesh.inp")
-    write(mesh, tmp_path / "mesh.bdf")
-    deck = cards((tmp_path / "mesh.inp").read_text())
-    assert {name: numbers(deck[f"*NSET, NSET={name.upper()}"]) for name in expected} == expected
-    assert all(f"*SURFACE, NAME={name.upper()}, TYPE=ELEMENT" in deck for name in expected)
-    bulk = re.findall(r"^\$ Set (\d+): (\w+)\nSET1(.*(?:\n\+.*)*)", (tmp_path / "mesh.bdf").read_text(), flags=re.M)
-    found = {name: [int(field) for field in re.sub(r"\n\+", " ", fields).split()] for _, name, fields in bulk}
-    assert found == {name: [i, *nodes] for i, (name, nodes) in enumerate(expected.items(), 1)}
 
 
 def test_nastran_lines_are_no_longer_than_its_columns(tmp_path: Path):
@@ -345,7 +251,7 @@ def test_any_name_makes_a_deck(tmp_path: Path, suffix: str, name: str):
         ("mesh.stl", {}, f"unknown format .stl: use one of {', '.join(SUFFIXES)}"),
         ("mesh", {}, f"unknown format (none): use one of {', '.join(SUFFIXES)}"),
         ("mesh.msh", {"version": "4.0"}, "unknown Gmsh version 4.0: use one of 4.1, 2.2"),
-        ("mesh.obj", {"quadratic": True}, ".obj has no quadratic elements"),
+        ("mesh.obj", {"quadratic": True}, ".obj holds elements of order 1, not of order 2: write .vtu, .msh,"),
         ("file/mesh.vtu", {}, "cannot be written"),
         ("folder.vtu", {}, "cannot be written"),
     ],
@@ -371,15 +277,13 @@ def test_an_empty_mesh_is_refused(tmp_path: Path):
 def test_a_failure_halfway_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str):
     path = tmp_path / f"mesh{suffix}"
     write(grid(), path)
-    before = path.read_bytes()
+    before = {item: item.read_bytes() for item in tmp_path.rglob("*") if item.is_file()}
 
     def fail(target: Path, *_: object) -> None:
         target.write_text("half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(meshio.Mesh, "write", lambda self, target, **_: fail(target))
     monkeypatch.setattr(Path, "write_bytes", fail)
     with pytest.raises(OutputError, match="No space left on device"):
         write(grid(4, 4), path)
-    assert path.read_bytes() == before
-    assert [item.name for item in tmp_path.iterdir()] == [path.name]
+    assert {item: item.read_bytes() for item in tmp_path.rglob("*") if item.is_file()} == before
