@@ -1,8 +1,8 @@
 """Abaqus' and CalculiX' input deck, ``.inp``: the geometry, and names to hang supports and loads on.
 
-Every side, line and point is a node set, and every side and line, the elements behind it, an element set and a surface,
-all of its name; every region an element set and a node set. ``ALL`` are all nodes and elements. Where the boundary has
-several sides, ``BOUNDARY`` is all of it.
+Every side, line and point is a node set, and every side and line a surface, of its name; the elements behind it are the
+set ``LEFT-ELEMENTS`` (CalculiX puts no load on a surface that has the name of an element set). Every region is an element
+set and a node set. ``ALL`` are all nodes and elements. Where the boundary has several sides, ``BOUNDARY`` is all of it.
 
 The two programs name the edges of shells differently in surfaces, but not in distributed loads. So in place of a
 surface a side of shells has element sets ``LEFT-E1`` to ``LEFT-E4``: those whose edge of that number is on it, for
@@ -89,7 +89,7 @@ def _facets(name: str, part: Facets, shells: bool) -> Iterator[str]:
     yield f"*NSET, NSET={name}"
     yield from _lines(part.nodes + 1)
     if len(part.elements):
-        yield f"*ELSET, ELSET={name}"
+        yield f"*ELSET, ELSET={name}-ELEMENTS"
         yield from _lines(np.unique(part.elements) + 1)
         if shells:
             for side in np.unique(part.sides).tolist():
