@@ -1,7 +1,7 @@
 """Abaqus' and CalculiX' input deck, ``.inp``: the geometry, and names to hang supports and loads on.
 
-Every side, line and point is a node set, and every side and line a surface, of its name; the elements behind it are the
-set ``LEFT-ELEMENTS`` (CalculiX puts no load on a surface that has the name of an element set). Every region is an element
+Every side, line and point is a node set, and every side and line a surface, of its name; the elements behind it are
+``LEFT-ELEMENTS`` (CalculiX puts no load on a surface that has the name of an element set). Every region is an element
 set and a node set. ``ALL`` are all nodes and elements. Where the boundary has several sides, ``BOUNDARY`` is all of it.
 
 The two programs name the edges of shells differently in surfaces, but not in distributed loads. So in place of a

@@ -120,3 +120,24 @@ SUFFIXES = tuple(FORMATS)
 MSH_VERSIONS = FORMATS[".msh"].versions
 #: Of Abaqus' and CalculiX'.
 ELEMENT_TYPES = FORMATS[".inp"].element_types
+
+#: What `kept` tells of a format, in this order.
+COLUMNS = (
+    "suffix",
+    "read by",
+    "quadrilaterals of",
+    "hexahedra of",
+    "sides",
+    "regions",
+    "lines inside",
+    "points",
+    "names",
+)
+
+
+def kept(suffix: str) -> tuple[str, ...]:
+    """What a format keeps, in words, one for each of `COLUMNS`; empty where it keeps nothing."""
+    form = FORMATS[suffix]
+    counts = (f"{', '.join(map(str, some))} nodes" if some else "" for some in (form.nodes, form.hexes))
+    names = "" if not form.sides else f"{form.rule.most} characters" + (", capitals" if form.rule.capitals else "")
+    return (suffix, form.name, *counts, form.sides, form.regions, form.lines, form.points, names)
