@@ -90,7 +90,9 @@ def _elements(
     if isinstance(mesh, Mesh):
         from freemesh_ray.export.plane import plane_elements
 
-        return plane_elements(mesh, choice.nodes_of_quadrilaterals(path, order, quadratic, element_type))
+        nodes = choice.nodes_of_quadrilaterals(path, order, quadratic, element_type)
+        choice.check_axis(path, mesh.vertices, element_type)
+        return plane_elements(mesh, nodes)
     from freemesh_ray.export.solid import solid_elements
 
     choice.check_hexahedra(path, mesh.hexes.shape[1], order, quadratic, element_type)

@@ -19,7 +19,6 @@ import numpy as np
 from envs.types import Ints
 from freemesh_ray.export.abaqus_elements import USUAL
 from freemesh_ray.export.finite_elements import Facets, FiniteElements
-from freemesh_ray.storage.atomic import OutputError
 
 #: Most numbers on a data line of a set, or of an element's first line.
 PER_LINE = 16
@@ -28,17 +27,8 @@ BOUNDARY = "BOUNDARY"
 
 
 def write(mesh: FiniteElements, path: Path, element_type: str | None) -> None:
-    """Write elements of a type that has as many nodes; by default plane strain, or solids.
-
-    Raises:
-        OutputError: axisymmetric elements on both sides of their axis, or left of it.
-    """
+    """Write elements of a type that has as many nodes; by default plane strain, or solids."""
     kind = element_type or USUAL[mesh.kind.dimension, mesh.kind.nodes]
-    if kind.startswith("CAX") and mesh.nodes[:, 0].min() < 0.0:
-        x, y = mesh.nodes[mesh.nodes[:, 0].argmin()].tolist()
-        raise OutputError(
-            f"{path.name}: {kind} turns around x = 0, and there is a node at ({x!r}, {y!r}): move the part"
-        )
     path.write_bytes("\n".join([*_deck(mesh, kind), ""]).encode("ascii"))
 
 

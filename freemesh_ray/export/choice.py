@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from envs.types import Floats
 from freemesh_ray.export import abaqus_elements
 from freemesh_ray.export.element_kinds import ORDERS
 from freemesh_ray.export.formats import FORMATS, Format
@@ -63,6 +64,17 @@ def check_hexahedra(path: Path, nodes: int, order: int | None, quadratic: bool, 
         if needed != nodes:
             fix = "choose another, or sweep with the other order"
             raise OutputError(f"{path}: {element_type} has {needed} nodes, and the hexahedra {nodes}: {fix}")
+
+
+def check_axis(path: Path, places: Floats, element_type: str | None) -> None:
+    """Refuse axisymmetric elements with nodes, (n, 2), left of their axis, x = 0.
+
+    Raises:
+        OutputError: they have some.
+    """
+    if element_type is not None and element_type.startswith("CAX") and places[:, 0].min() < 0.0:
+        x, y = places[places[:, 0].argmin()].tolist()
+        raise OutputError(f"{path}: {element_type} turns around x = 0, and a node is at ({x!r}, {y!r}): move the part")
 
 
 def _nodes_of_type(path: Path, format: Format, element_type: str, dimension: int) -> int:

@@ -37,12 +37,12 @@ class NameRule:
         text = name.strip()
         if unknown.search(text):
             bare = (c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
-            text = unknown.sub("_", "".join(bare))
+            text = unknown.sub("_", "".join(bare).strip())
         if not any(c.isalnum() for c in text):
             text = NAMELESS
         if self.letter_first and not text[0].isalpha():
             text = f"n_{text.lstrip('_')}"
-        return (text.upper() if self.capitals else text)[: self.most]
+        return (text.upper() if self.capitals else text)[: self.most].strip()
 
 
 def free(name: str, taken: Collection[str], most: int | None = None) -> str:

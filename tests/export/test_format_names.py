@@ -116,7 +116,8 @@ def test_a_note_names_no_more_than_a_few(tmp_path: Path):
 @pytest.mark.parametrize(("name", "options", "nodes"), [
     ("a.msh", {"order": 2}, 9), ("a.msh", {"quadratic": True}, 8), ("a.msh", {"quadratic": True, "order": 2}, 8),
     ("a.msh", {"order": 4}, 25), ("a.inp", {"order": 2}, 8), ("a.mesh", {"quadratic": True}, 9), ("a.inp", {}, 4),
-    ("a.inp", {"element_type": "CPS8R"}, 8), ("a.inp", {"element_type": "CAX8", "order": 2}, 8), ("a.k", {"order": 2}, 8),
+    ("a.inp", {"element_type": "CPS8R"}, 8), ("a.inp", {"element_type": "CAX8", "order": 2}, 8),
+    ("a.k", {"order": 2}, 8),
 ])  # fmt: skip
 def test_orders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: dict, nodes: int):
     found = []
@@ -136,7 +137,7 @@ def test_orders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, opti
     ("a.inp", {"element_type": "CPS5"}, f"unknown element type CPS5: use one of {ELEMENT_TYPES[0]}"),
     ("a.inp", {"element_type": "C3D8"}, "unknown element type C3D8: use one of CPE4"),
     ("a.inp", {"element_type": "CPS4", "order": 2}, "CPS4 is of order 1, not 2: leave out the order"),
-    ("a.inp", {"element_type": "CAX4"}, "CAX4 turns around x = 0, and there is a node at (-"),
+    ("a.inp", {"element_type": "CAX4"}, "CAX4 turns around x = 0, and a node is at (-"),
 ])  # fmt: skip
 def test_what_a_format_does_not_hold_is_one_line(tmp_path: Path, name: str, options: dict, message: str):
     with pytest.raises(OutputError) as caught:
