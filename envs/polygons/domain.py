@@ -26,7 +26,7 @@ from envs.polygons.close_places import close_sizes
 from envs.polygons.deviation import deviation
 from envs.polygons.discretisation import NOWHERE, discretised
 from envs.polygons.faces import Face, divided
-from envs.polygons.geometry import Geometry, laid, on_their_curves, region_of
+from envs.polygons.geometry import Geometry, Region, laid, on_their_curves, sides_of
 from envs.polygons.mesh_size import check_elements, expected_in_rings
 from envs.polygons.overlaps import check_overlaps
 from envs.polygons.parity import with_even_count
@@ -139,13 +139,14 @@ def geometry_of(
         for face, rings, called, where in zip(faces, valid, names, sources, strict=True)
     ]
     domains = [replace(domain, deviation=off) for domain, off in zip(domains, deviations, strict=True)]
+    sides = [sides_of(domain, lines) for domain in domains]
     domains, curved = on_their_curves(domains, [outlines[face.polygon] for face in faces], lines)
     regions = list(drawing.regions) or [""] * len(polygons)
     return Geometry(
         name,
         tuple(
-            region_of(domain, regions[face.polygon], on_curves, lines)
-            for domain, face, on_curves in zip(domains, faces, curved, strict=True)
+            Region(domain, regions[face.polygon], named, on_curves)
+            for domain, face, named, on_curves in zip(domains, faces, sides, curved, strict=True)
         ),
         lines.inside,
         tuple(drawing.places),

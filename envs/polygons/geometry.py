@@ -71,7 +71,7 @@ class Laid:
     Attributes:
         lines: those that name sides: the drawing's, or what is offered where it names none.
         keep: (k, 2) places on the outlines where a name begins or ends.
-        inside: lines off the outlines, for elements to follow.
+        inside: lines that are not on the outlines alone, for elements to follow.
         places: (m, 2) float64, points that a node is to sit on.
         near: the distance within which a vertex lies on a line.
     """
@@ -106,27 +106,29 @@ def laid(drawing: Drawing, polygons: Sequence[Sequence[Floats]], source: str) ->
     rings = [np.concatenate([ring, ring[:1]]) for rings in polygons for ring in rings]
     outlines = shapely.MultiLineString(rings)
     shapely.prepare(outlines)
-    keep, inside = [np.zeros((0, 2))], []
+    keep, inside, naming = [np.zeros((0, 2))], [], False
     for line in lines:
         found = along(line, outlines, near)
         if line.name:
             keep.append(found.ends)
-        if not line.optional:
-            inside += [replace(line, points=piece) for piece in found.inside]
+            naming = naming or found.on > 4.0 * near
+        if found.inside and not line.optional:
+            check_within(line, found.inside, polygons, source)
+            inside.append(line)
     places = np.array([(place.x, place.y) for place in drawing.places], dtype=np.float64).reshape(-1, 2)
     outside = shapely.distance(shapely.points(places), area_of(polygons)) > near
     for place in [place for place, off in zip(drawing.places, outside, strict=True) if off][:1]:
         raise DomainError(
-            f"{source}: the point{named(place.name)} at {shown((place.x, place.y))} is outside of all polygons; move or "
-            "remove it"
+            f"{source}: the point{named(place.name)} at {shown((place.x, place.y))} is outside of all polygons; move "
+            "it, or remove it"
         )
     on_outlines = shapely.distance(shapely.points(places), outlines) <= near
     placed = places.copy()
     placed[on_outlines] = snapped(places[on_outlines], rings, near)
     keep.append(placed[on_outlines])
-    all_named = tuple(lines) if any(line.name for line in lines) else (*lines, *offers(polygons))
+    all_named = tuple(lines) if naming else (*lines, *offers(polygons))
     ends = np.unique(snapped(np.concatenate(keep), rings, near), axis=0)
-    return Laid(all_named, ends, within(inside, polygons, source), placed, near)
+    return Laid(all_named, ends, tuple(inside), placed, near)
 
 
 def named(name: str) -> str:
@@ -159,26 +161,18 @@ def snapped(places: Floats, rings: Sequence[Floats], near: float) -> Floats:
     return np.where(close[:, None], nearest, projected)
 
 
-def within(lines: Sequence[Line], polygons: Sequence[Sequence[Floats]], source: str) -> tuple[Line, ...]:
-    """The lines, all of which lie inside of polygons.
+def check_within(line: Line, pieces: Sequence[Floats], polygons: Sequence[Sequence[Floats]], source: str) -> None:
+    """Refuse a line of which a piece, each (m, 2) and off the outlines, lies outside of all polygons.
 
     Raises:
-        DomainError: one lies outside.
+        DomainError: one does.
     """
-    if not lines:
-        return ()
-    area = area_of(polygons)
-    kept = []
-    for line in lines:
-        if shapely.LineString(line.points).within(area):
-            kept.append(line)
-        else:
-            start, end = shown(line.points[0]), shown(line.points[-1])
-            raise DomainError(
-                f"{source}: the line{named(line.name)} from {start} to {end} is not inside of a polygon; end it on the "
-                "boundary, or remove it"
-            )
-    return tuple(kept)
+    if not shapely.MultiLineString(list(pieces)).within(area_of(polygons)):
+        start, end = shown(line.points[0]), shown(line.points[-1])
+        raise DomainError(
+            f"{source}: the line{named(line.name)} from {start} to {end} is not inside of a polygon; end it on the "
+            "boundary, or remove it"
+        )
 
 
 def with_regions(geometry: Geometry, names: Sequence[str]) -> Geometry:
@@ -223,10 +217,11 @@ def _tested(region: Region, tests: Mapping[str, Test]) -> Region:
     return replace(region, sides={name: rows for name, rows in sides.items() if len(rows)})
 
 
-def region_of(domain: Domain, name: str, curved: CurvedEdges, laid: Laid) -> Region:
-    """The region of a domain, with the names of its segments."""
-    line_of = line_of_segments(domain.points, domain.segments, laid.lines, laid.near)
-    return Region(domain, name, sides_by_name(domain.segments, line_of, laid.lines), curved)
+def sides_of(domain: Domain, laid: Laid) -> dict[str, Ints]:
+    """(k, 2) int64 segments of each name; the domain's vertices are where the lines' points are, on their chords."""
+    named = [line for line in laid.lines if line.name]
+    line_of = line_of_segments(domain.points, domain.segments, named, laid.near)
+    return sides_by_name(domain.segments, line_of, named)
 
 
 def on_their_curves(

@@ -28,11 +28,13 @@ class Along(NamedTuple):
 
     Attributes:
         ends: (k, 2) float64, where it reaches them, leaves them, begins or ends on them.
-        inside: its polylines that lie off them, each (m, 2).
+        inside: its polylines that lie off them, each (m, 2), cut where they come near.
+        on: how much of its length lies on them.
     """
 
     ends: Floats
     inside: list[Floats]
+    on: float
 
 
 def tolerance(polygons: Sequence[Sequence[Floats]]) -> float:
@@ -58,7 +60,7 @@ def along(line: Line, outlines: shapely.Geometry, near: float) -> Along:
     closed = bool(np.array_equal(line.points[0], line.points[-1]))
     pieces = parts(on, 4.0 * near)
     ends = [] if closed and shapely.is_empty(off) else [piece[[0, -1]] for piece in pieces]
-    return Along(np.concatenate([np.zeros((0, 2)), *ends]), parts(off, 4.0 * near))
+    return Along(np.concatenate([np.zeros((0, 2)), *ends]), parts(off, 4.0 * near), shapely.length(on))
 
 
 def parts(path: shapely.Geometry, least: float) -> list[Floats]:
