@@ -188,9 +188,11 @@ def outlines_of(
     widths = list[float]()
     if join is not None and join > tolerance:
         network, widths = joined(network, join)
-    network = network.kept(~folded(network))
+    back = folded(network)
+    left = network.kept(back).pieces
+    network = network.kept(~back)
     leading = leads_on(network)
-    left = network.kept(~leading).settled()
+    left += network.kept(~leading).settled()
     bounding, copies = divided(network.kept(leading), closed)
     beside += copies
     groups, sides = faces(bounding, beside, closed, fineness, source)
