@@ -32,19 +32,20 @@ def drawn(found: Outlines, names: Sequence[str], notes: Sequence[str], source: s
     several = len({name for name in given if name is not None}) > 1
     regions = tuple(name or "" if several else "" for name in given)
     # Where two lie on one side the first one's name counts.
-    lines = [*optional_lines(found, names), *side_lines(found, names, frozenset(regions) - {""})]
+    silent = frozenset(regions) | {""}
+    lines = [*optional_lines(found, names, silent), *side_lines(found, names, silent)]
     told = [joined_note(found), *notes]
     return Drawing(polygons, regions if any(regions) else (), lines, notes=[note for note in told if note])
 
 
 def name_of(face: Face, names: Sequence[str]) -> str | None:
-    """The one name of all that a face's outer ring was drawn as; None: there are several."""
-    given = {names[i] for i in face.around}
-    return given.pop() if len(given) == 1 else None
+    """The name that all of a face's outer ring was drawn with; None: there is none."""
+    common = set.intersection(*({names[i] for i in side.entities} for side in face.around))
+    return min(common, key=lambda name: (not name, name)) if common else None
 
 
 def side_lines(found: Outlines, names: Sequence[str], silent: frozenset[str]) -> Iterator[Line]:
-    """The sides that have a name, which is none of the silent ones, or a curve."""
+    """The sides that have a name other than the silent ones, or a curve."""
     for side in found.sides:
         name = names[side.piece.entity]
         name = "" if name in silent else name
@@ -52,10 +53,10 @@ def side_lines(found: Outlines, names: Sequence[str], silent: frozenset[str]) ->
             yield Line(side.points, name=name, curve=side.piece.curve)
 
 
-def optional_lines(found: Outlines, names: Sequence[str]) -> Iterator[Line]:
-    """What was drawn upon a side, and what bounds nothing: it names what lies on it."""
+def optional_lines(found: Outlines, names: Sequence[str], silent: frozenset[str]) -> Iterator[Line]:
+    """What was drawn upon a side, and what bounds nothing, by names other than the silent ones: it names what lies on it."""
     for piece in (*found.beside, *found.left):
-        if names[piece.entity]:
+        if names[piece.entity] not in silent:
             yield Line(piece.fine, name=names[piece.entity], curve=piece.curve, optional=True)
 
 

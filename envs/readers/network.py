@@ -350,8 +350,8 @@ def pieces_at(ends: Ints) -> dict[int, list[int]]:
     return at
 
 
-def without_copies(network: Network, asked: np.ndarray) -> Network:
-    """The network with each piece once, of those that a (p,) mask is true for."""
+def without_copies(network: Network, asked: np.ndarray) -> tuple[Network, list[Piece]]:
+    """The network with each piece once, of those that a (p,) mask is true for, and the copies."""
     groups: dict[tuple[int, int], list[int]] = defaultdict(list)
     keep = np.ones(len(network.pieces), dtype=bool)
     for i in np.flatnonzero(asked).tolist():
@@ -360,7 +360,7 @@ def without_copies(network: Network, asked: np.ndarray) -> Network:
         keep[i] = not any(lies_on(network.pieces[i], network.pieces[j], 2.0 * network.tolerance) for j in known)
         if keep[i]:
             known.append(i)
-    return network.kept(keep)
+    return network.kept(keep), [network.pieces[i] for i in np.flatnonzero(~keep)]
 
 
 def folded(network: Network) -> np.ndarray:
@@ -450,7 +450,7 @@ def crossings(network: Network, dividing: np.ndarray) -> Splits:
 
 
 def crossing(network: Network, chords: Chords, a: int, b: int) -> Iterator[tuple[int, float]]:
-    """The crossing of two chords' pieces, as a parameter on each; nothing where it is an end of one, or none."""
+    """The crossing of two chords' pieces, as a parameter on each that it is no end of; nothing where there is none."""
     i, j = int(chords.piece[a]), int(chords.piece[b])
     one, other = network.pieces[i], network.pieces[j]
     (s, at_s, low_s, high_s), (t, at_t, low_t, high_t) = beside(one, chords.number[a]), beside(other, chords.number[b])
@@ -467,11 +467,10 @@ def crossing(network: Network, chords: Chords, a: int, b: int) -> Iterator[tuple
         if (np.abs(found - before) <= 1e-15 * np.abs(found)).all():
             break
     place = one.at(found[:1])[0]
-    tips = np.concatenate([one.ends, other.ends])
-    met = np.linalg.norm(other.at(found[1:])[0] - place) <= network.tolerance
-    if met and np.linalg.norm(tips - place, axis=1).min() > network.tolerance:
-        yield i, float(found[0])
-        yield j, float(found[1])
+    if np.linalg.norm(other.at(found[1:])[0] - place) <= network.tolerance:
+        for piece, number, parameter in ((one, i, found[0]), (other, j, found[1])):
+            if np.linalg.norm(piece.ends - place, axis=1).min() > network.tolerance:
+                yield number, float(parameter)
 
 
 def beside(piece: Piece, number: int) -> tuple[float, Callable[[float], Floats], float, float]:

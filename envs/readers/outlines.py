@@ -23,12 +23,15 @@ from envs.readers.joins import SLIP, Gap, gaps, joined
 from envs.readers.loops import loop, regions_and_strays
 from envs.readers.nesting import Rings
 from envs.readers.network import (
+    Chords,
     Network,
     Splits,
     covered,
     crossings,
     folded,
     leads_on,
+    lies_on,
+    middle_of,
     network_of,
     split,
     touching,
@@ -47,29 +50,31 @@ Closed = dict[int, list[Piece]]
 
 
 @dataclass(frozen=True, eq=False)
-class Face:
-    """A region.
-
-    Attributes:
-        rings: the outer one first, each (n, 2).
-        around: the entities that its outer ring was drawn as.
-    """
-
-    rings: Rings
-    around: frozenset[int]
-
-
-@dataclass(frozen=True, eq=False)
 class Side:
     """A piece of an outline, flattened.
 
     Attributes:
         points: (k, 2) the vertices that the rings have there.
         piece: it.
+        entities: what it was drawn as: its own entity, and those that it was drawn as once more.
     """
 
     points: Floats
     piece: Piece
+    entities: frozenset[int]
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A region.
+
+    Attributes:
+        rings: the outer one first, each (n, 2).
+        around: the sides of its outer ring.
+    """
+
+    rings: Rings
+    around: list[Side]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,11 +188,14 @@ def outlines_of(
     widths = list[float]()
     if join is not None and join > tolerance:
         network, widths = joined(network, join)
-    network = network.kept(~folded(network))
+    back = folded(network)
+    left = network.kept(back).pieces
+    network = network.kept(~back)
     leading = leads_on(network)
-    left = network.kept(~leading).settled()
-    bounding = divided(network.kept(leading), closed)
-    groups, sides = faces(bounding, closed, fineness, source)
+    left += network.kept(~leading).settled()
+    bounding, copies = divided(network.kept(leading), closed)
+    beside += copies
+    groups, sides = faces(bounding, beside, closed, fineness, source)
     used = {id(side.piece) for side in sides}
     left += [piece for piece in bounding.pieces if id(piece) not in used]
     return Outlines(groups, sides, beside, left, widths, list(gaps(network, REACH * size)))
@@ -212,17 +220,17 @@ def nodes_of_open(network: Network, closed: Closed) -> Ints:
     return np.unique(network.ends[np.array(chosen, dtype=bool)])
 
 
-def divided(network: Network, closed: Closed) -> Network:
-    """The network with its pieces split where dividing lines cross others, and where copies of sides begin and end."""
+def divided(network: Network, closed: Closed) -> tuple[Network, list[Piece]]:
+    """The network with its pieces split where dividing lines cross others, and what of it was drawn once more."""
     dividing = complex_ones(network, closed)
     if not dividing.any():
-        return network
+        return network, []
     network = split(network, crossings(network, dividing & is_open(network, closed)))
     inside = complex_ones(network, closed)
     part = touching_vertices(network.kept(inside))
     network = split(network, Splits(np.flatnonzero(inside)[part.piece], part.parameter, part.node))
-    network = without_copies(network, complex_ones(network, closed))
-    return network.kept(leads_on(network))
+    network, copies = without_copies(network, complex_ones(network, closed))
+    return network.kept(leads_on(network)), copies
 
 
 def is_open(network: Network, closed: Closed) -> np.ndarray:
@@ -240,20 +248,22 @@ def complex_ones(network: Network, closed: Closed) -> np.ndarray:
     return ((most > 2) & some)[part]
 
 
-def faces(network: Network, closed: Closed, fineness: Flattening, source: str) -> tuple[list[list[Face]], list[Side]]:
-    """The faces of each connected part, in the order of their pieces, and the pieces that bound them.
+def faces(
+    network: Network, beside: Sequence[Piece], closed: Closed, fineness: Flattening, source: str
+) -> tuple[list[list[Face]], list[Side]]:
+    """The faces of each connected part, in the order of their pieces, and the sides that bound them.
 
     Closed entities that no open one connects are faces of their own, even if they touch. Of a face that only open
     entities bound the inside is solid; otherwise the even-odd rule tells.
     """
     sides, total = list[Side](), 0
-    for piece, ends in zip(network.pieces, network.ends, strict=True):
+    for piece, ends, entities in zip(network.pieces, network.ends, entities_of(network, beside), strict=True):
         points = piece.flattened(fineness).copy()
         points[0], points[-1] = network.places[ends]
         total += len(points)
         check_count(total, source)
         check_coordinates(points, source)
-        sides.append(Side(points, piece))
+        sides.append(Side(points, piece, entities))
     dividing = complex_ones(network, closed)
     opened = is_open(network, closed)
     parts = np.split(np.argsort(network.components, kind="stable"), np.cumsum(np.bincount(network.components))[:-1])
@@ -266,15 +276,15 @@ def faces(network: Network, closed: Closed, fineness: Flattening, source: str) -
             kept = sorted(set(part.tolist()) - strays)
         elif opened[part].any():
             ring = loop([side.points for side in sides], network.ends, part)
-            found, kept = [Face([ring], frozenset(sides[i].piece.entity for i in part))], part.tolist()
+            found, kept = [Face([ring], [sides[i] for i in part])], part.tolist()
         else:
             kept = part.tolist()
             by_entity: dict[int, list[int]] = {}
             for i in kept:
                 by_entity.setdefault(sides[i].piece.entity, []).append(i)
-            for entity, row in by_entity.items():
+            for row in by_entity.values():
                 ring = np.concatenate([sides[i].points[:-1] for i in row])
-                groups.append((row[0], [Face([ring], frozenset([entity]))]))
+                groups.append((row[0], [Face([ring], [sides[i] for i in row])]))
             found = []
         if found:
             groups.append((int(part.min()), found))
@@ -284,7 +294,9 @@ def faces(network: Network, closed: Closed, fineness: Flattening, source: str) -
     return [found for _, found in groups], [sides[i] for i in sorted(bounding)]
 
 
-def regions(sides: Sequence[Side], part: Ints, closed: Closed, fineness: Flattening) -> tuple[list[Face], set[int]]:
+def regions(
+    sides: Sequence[Side], part: Ints, closed: Closed, fineness: Flattening
+) -> tuple[list[Face], set[int]]:
     """The faces of a connected part, and the pieces that bound none of them."""
     lines = [sides[i].points for i in part.tolist()]
     rings, strays = regions_and_strays(lines)
@@ -300,23 +312,34 @@ def regions(sides: Sequence[Side], part: Ints, closed: Closed, fineness: Flatten
             continue
         outer = np.concatenate([face[0], face[0][:1]])
         pairs = np.concatenate([outer[:-1], outer[1:]], axis=1)
-        around = (
-            owner.get(key)
-            for key in map(tuple, np.where(ordered(pairs)[:, None], pairs, pairs[:, [2, 3, 0, 1]]).tolist())
-        )
-        found.append(Face(face, frozenset(sides[i].piece.entity for i in around if i is not None)))
+        around = {owner.get(key) for key in keys_of(pairs)} - {None}
+        found.append(Face(face, [sides[i] for i in around if i is not None]))
     return found, outside
 
 
-def ordered(pairs: Floats) -> np.ndarray:
-    """(m,) bool: which of the (m, 4) rows x, y, u, v have (x, y) before (u, v)."""
-    return (pairs[:, 0] < pairs[:, 2]) | ((pairs[:, 0] == pairs[:, 2]) & (pairs[:, 1] <= pairs[:, 3]))
+def keys_of(segments: Floats) -> list[tuple[float, ...]]:
+    """What (m, 4) segments x, y, u, v are known by, whichever end comes first."""
+    x, y, u, v = segments.T
+    kept = (x < u) | ((x == u) & (y <= v))
+    return [tuple(row) for row in np.where(kept[:, None], segments, segments[:, [2, 3, 0, 1]]).tolist()]
 
 
 def ends_of(line: Floats) -> list[tuple[float, ...]]:
-    """The first and the last segment of a line, each in the order of `ordered`: what it is known by in a ring."""
-    pairs = np.concatenate([line[[0, -2]], line[[1, -1]]], axis=1)
-    return [tuple(row) for row in np.where(ordered(pairs)[:, None], pairs, pairs[:, [2, 3, 0, 1]]).tolist()]
+    """What the first and the last segment of a line are known by."""
+    return keys_of(np.concatenate([line[[0, -2]], line[[1, -1]]], axis=1))
+
+
+def entities_of(network: Network, beside: Sequence[Piece]) -> list[frozenset[int]]:
+    """For each piece the entities that it was drawn as, those of pieces beside it that it lies on among them."""
+    found = [{piece.entity} for piece in network.pieces]
+    if beside and network.pieces:
+        chords = Chords.of(beside)
+        middles = np.array([piece.at(np.array([middle_of(piece)]))[0] for piece in network.pieces])
+        at, chord = chords.near(middles, network.tolerance, network.source)
+        for i, j in np.unique(np.stack([at, chords.piece[chord]], axis=1), axis=0).tolist():
+            if lies_on(network.pieces[i], beside[j], 2.0 * network.tolerance):
+                found[i].add(beside[j].entity)
+    return [frozenset(entities) for entities in found]
 
 
 def closed_polygons(entities: set[int], closed: Closed, fineness: Flattening) -> list[shapely.Polygon]:

@@ -49,7 +49,7 @@ def drawing_of_file(path: Path, reading: Reading) -> Drawing:
         pen = Pen(page.after(shape.transform), f"{source}: line {shape.element.line}")
         lay(pen, shape)
         for subpath in pen.subpaths:
-            if subpath.pieces and not subpath.closed and shape.filled:
+            if subpath.pieces and not subpath.closed and shape.filled and shape.element.tag != "line":
                 close(subpath.pieces)
             pieces += [Piece(p.points, p.curve, p.span, len(names)) for p in subpath.pieces]
             names += [shape.name] * bool(subpath.pieces)
