@@ -20,7 +20,7 @@ from envs.polygons import curves
 from envs.polygons.curves import Flattening
 from envs.polygons.rings import check_coordinates, check_count, extent
 from envs.readers import geo_gmsh
-from envs.readers.geo_curves import counted, exact, flattened
+from envs.readers.geo_curves import counted, exact, flattened, reach
 from envs.readers.geo_model import CURVE, POINT, SURFACE, Model
 from envs.readers.geo_statements import model_of
 from envs.readers.geo_words import NotReadError
@@ -78,9 +78,10 @@ def drawing_of_file(path: Path, reading: Reading) -> Drawing:
     tags = list(dict.fromkeys(tag for curve in model.curves.values() for tag in curve.points))
     used = np.array([model.points[tag][:2] for tag in tags])
     check_coordinates(used, source, lambda i: f"point {tags[i]}")
-    fineness = curves.flattening(extent(used), reading.edge_length)
+    size = extent(np.concatenate([used, *(reach(curve) for curve in model.curves.values())]))
+    fineness = curves.flattening(size, reading.edge_length)
     flat = Flat(model, source, fineness, keep_counts=reading.edge_length is None)
-    check_flat(model, extent(used), source)
+    check_flat(model, size, source)
     of_surfaces, notes = names_of("surface", members(model, SURFACE))
     polygons = polygons_of(model, flat, source)
     regions = [of_surfaces.get(tag, "") for tag in model.surfaces]

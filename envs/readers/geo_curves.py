@@ -37,6 +37,17 @@ def given_points(model: Model, curve: Curve) -> Floats:
     return np.array([model.points[tag][:2] for tag in curve.points])
 
 
+def reach(curve: Curve) -> Floats:
+    """(k, 2) places along a curve that its points do not tell, about as far apart as it reaches."""
+    path = curve.exact
+    if path is None:
+        return np.empty((0, 2))
+    if isinstance(path, ParametricCurve):
+        return path.at(path.breaks)
+    assert isinstance(path, CircleArc | EllipseArc)
+    return path.at(path.start + path.sweep * np.linspace(0.0, 1.0, 9))
+
+
 def exact(model: Model, curve: Curve, source: str) -> ExactCurve | None:
     """The curve itself; None: it is straight between its points.
 

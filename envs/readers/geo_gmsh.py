@@ -314,7 +314,7 @@ def exact_of(kind: str, at: list[float], places: Floats, slopes: list[float]) ->
     t, points = np.array(at), places[:, :2]
     derivatives = np.array(slopes).reshape(-1, 3)[:, :2]
     if kind in (CIRCLE, ELLIPSE):
-        arc = conic(t, points, derivatives)
+        arc = conic(t, points)
         if arc is not None:
             return arc
     from scipy.interpolate import CubicHermiteSpline  # half a second that other files need not wait
@@ -322,20 +322,25 @@ def exact_of(kind: str, at: list[float], places: Floats, slopes: list[float]) ->
     return ParametricCurve(CubicHermiteSpline(t, points, derivatives), t[:: max(1, (len(t) - 1) // 16)])
 
 
-def conic(t: Floats, points: Floats, derivatives: Floats) -> CircleArc | EllipseArc | None:
-    """The arc centre + u cos(t) + v sin(t) through (n, 2) places at parameters t; None: there is none.
+def conic(u: Floats, points: Floats) -> CircleArc | EllipseArc | None:
+    """The arc centre + a cos(t) + b sin(t), t = rate u, through (4 m + 1, 2) places at even parameters u; or None.
 
-    With the parameter an angle, places and derivatives at two of them give centre, u and v by linear equations.
+    With h half of the parameter's range, what the ends' mean is off the middle is 2 (1 + cos(rate h / 2)) times what
+    the quarters' mean is, which gives the rate; centre, a and b then solve linear equations.
     """
+    first, quarter, middle, other, last = points[:: (len(points) - 1) // 4]
+    far, near = (float(np.hypot(*(0.5 * (p + q) - middle))) for p, q in ((first, last), (quarter, other)))
+    if not near > 0.0:
+        return None
+    t = 2.0 * float(np.arccos(np.clip(far / (2.0 * near) - 1.0, -1.0, 1.0))) / (0.5 * (u[-1] - u[0])) * u
     rows = np.stack([np.ones_like(t), np.cos(t), np.sin(t)], axis=1)
-    slopes = np.stack([np.zeros_like(t), -np.sin(t), np.cos(t)], axis=1)
-    solved, *_ = np.linalg.lstsq(np.concatenate([rows, slopes]), np.concatenate([points, derivatives]), rcond=None)
-    centre, u, v = solved
-    size = max(float(np.hypot(*u)), float(np.hypot(*v)))
+    solved, *_ = np.linalg.lstsq(rows, points, rcond=None)
+    centre, a, b = solved
+    size = max(float(np.hypot(*a)), float(np.hypot(*b)))
     if not np.abs(rows @ solved - points).max() <= EXACT * size:
         return None
     start, sweep = float(t[0]), float(t[-1] - t[0])
-    if abs(u @ v) <= EXACT * size**2 and abs(np.hypot(*u) - np.hypot(*v)) <= EXACT * size:
-        turn = 1.0 if u[0] * v[1] - u[1] * v[0] > 0.0 else -1.0
-        return CircleArc(centre, size, float(np.arctan2(u[1], u[0])) + turn * start, turn * sweep)
-    return EllipseArc(centre, u, v, start, sweep)
+    if abs(a @ b) <= EXACT * size**2 and abs(np.hypot(*a) - np.hypot(*b)) <= EXACT * size:
+        turn = 1.0 if a[0] * b[1] - a[1] * b[0] > 0.0 else -1.0
+        return CircleArc(centre, size, float(np.arctan2(a[1], a[0])) + turn * start, turn * sweep)
+    return EllipseArc(centre, a, b, start, sweep)

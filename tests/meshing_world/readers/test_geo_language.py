@@ -139,7 +139,7 @@ def test_no_other_file_is_included(tmp_path: Path, name: str) -> None:
     outside = written(tmp_path, SQUARE, "outside.geo")
     (folder / "link.geo").symlink_to(outside)
     path = written(folder, f'Include "{name}";')
-    with pytest.raises(DomainError, match="line 1: .* lies outside the script's folder; put it there"):
+    with pytest.raises(DomainError, match=r"line 1: .* lies outside the script's folder; put it there"):
         load(path)
 
 

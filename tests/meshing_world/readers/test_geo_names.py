@@ -101,11 +101,14 @@ def test_points_off_everything_are_left_out_with_a_note(tmp_path: Path) -> None:
 
 
 def test_regions_stand_beside_their_polygons(tmp_path: Path) -> None:
-    text = PLATE.replace("Plane Surface(1)={1};", "") + """
+    text = (
+        PLATE.replace("Plane Surface(1)={1};", "")
+        + """
     Point(10)={20,0,0}; Point(11)={20,10,0}; Line(10)={3,10}; Line(11)={10,11}; Line(12)={11,4};
     Curve Loop(2)={10,11,12,-2}; Plane Surface(2)={2}; Plane Surface(1)={1};
     Physical Surface("right")={2}; Physical Curve("between")={2};
     """
+    )
     drawing = read(tmp_path, text)
     assert list(drawing.regions) == ["right", ""]
     assert np.asarray(drawing.polygons[0][0])[:, 0].min() == 10.0
