@@ -56,12 +56,12 @@ class Format:
 
 TEXT = "text/plain; charset=us-ascii"
 EXODUS = Format(
-    "Exodus II: MOOSE, Sierra, ParaView", "exodus", "application/x-netcdf", nodes=(4, 8, 9),
+    "Exodus II", "exodus", "application/x-netcdf", nodes=(4, 8, 9),
     sides="side sets", regions="element blocks", lines="side sets", points="node sets", rule=NameRule(32),
 )  # fmt: skip
 #: An OpenFOAM mesh, in a folder or in an archive.
 OPENFOAM = Format(
-    "OpenFOAM, one cell thick", "openfoam", TEXT, nodes=(4,), hexes=(8,), folder="constant/polyMesh",
+    "OpenFOAM, a folder", "openfoam", TEXT, nodes=(4,), hexes=(8,), folder="constant/polyMesh",
     sides="patches", regions="cell zones", lines="face zones", points="point zones",
     rule=NameRule(64, allowed="A-Za-z0-9_.-", letter_first=True, reserved=frozenset({"frontAndBack", "unfinished"})),
 )  # fmt: skip
@@ -91,17 +91,17 @@ FORMATS: dict[str, Format] = {
         sides="SET_NODE", regions="PART", lines="SET_NODE", points="SET_NODE", rule=LINES,
     ),
     ".unv": Format(
-        "I-deas: Salome, Code_Aster, FreeCAD", "ideas", TEXT,
+        "I-deas", "ideas", TEXT,
         sides="groups of elements", regions="groups of elements", lines="groups of elements", points="groups of nodes",
         rule=NameRule(24),
     ),
     ".su2": Format("SU2", "su2", TEXT, nodes=(4,), hexes=(8,), sides="markers"),
     ".foam": OPENFOAM,
-    ".zip": replace(OPENFOAM, name="OpenFOAM, in an archive", media_type="application/zip", folder=""),
+    ".zip": replace(OPENFOAM, name="OpenFOAM, an archive", media_type="application/zip", folder=""),
     ".e": EXODUS,
     ".exo": EXODUS,
     ".xdmf": Format(
-        "XDMF: FEniCS, ParaView", "xdmf", "application/xml", nodes=(4, 8, 9),
+        "XDMF, DOLFINx", "xdmf", "application/xml", nodes=(4, 8, 9),
         sides="numbers", regions="numbers", lines="numbers", rule=TEXTS,
     ),
     ".mesh": Format(
@@ -109,7 +109,7 @@ FORMATS: dict[str, Format] = {
         sides="boundary attributes", regions="attributes", rule=NameRule(64),
     ),
     ".ism": Format(
-        "HOHQMesh's ISM-v2: Trixi, FLUXO", "hohqmesh", TEXT, nodes=(4, 9, 16, 25), hexes=(),
+        "HOHQMesh's ISM-v2", "hohqmesh", TEXT, nodes=(4, 9, 16, 25), hexes=(),
         sides="names of sides", rule=NameRule(32),
     ),
     ".obj": Format("Wavefront", "wavefront", "model/obj", nodes=(4,), hexes=()),

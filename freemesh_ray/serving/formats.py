@@ -15,10 +15,10 @@ from freemesh_ray.storage.atomic import OutputError
 
 JSON: Final = "json"
 
-#: Media type of each format; all but JSON are those of `export.FORMATS` without their dot.
+#: Media type of each format; all but JSON are those of `export.FORMATS` of one file, without their dot.
 MEDIA_TYPES = {
     JSON: "application/json",
-    **{suffix[1:]: format.media_type for suffix, format in export.FORMATS.items()},
+    **{suffix[1:]: format.media_type for suffix, format in export.FORMATS.items() if not format.folder},
 }
 
 

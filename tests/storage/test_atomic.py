@@ -48,7 +48,7 @@ def test_files_and_folders_follow_the_umask(umask: int, tmp_path: Path) -> None:
         mode = 0o777 if path.is_dir() else 0o666
         assert stat.S_IMODE(path.stat().st_mode) == mode & ~umask, path
     assert sorted((tmp_path / "made").iterdir()) == sorted(
-        [*mesh_files, *(tmp_path / "made" / x for x in ("log", "state.npz"))]
+        [*mesh_files, *(tmp_path / "made" / x for x in ("constant", "log", "state.npz"))]
     )
 
 
