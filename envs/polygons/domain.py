@@ -22,11 +22,13 @@ from numpy.typing import ArrayLike
 from envs.drawing import Drawing
 from envs.errors import UserError
 from envs.polygons import ring_with_seams, seam
+from envs.polygons.axis import axis_of
 from envs.polygons.close_places import close_sizes
 from envs.polygons.deviation import deviation
 from envs.polygons.discretisation import NOWHERE, discretised
 from envs.polygons.faces import Face, divided
-from envs.polygons.geometry import Geometry, Region, laid, on_their_curves, sides_of
+from envs.polygons.geometry import Geometry, Region, laid, on_their_curves, sides_of, to_the_left
+from envs.polygons.halves import halves
 from envs.polygons.mesh_size import check_elements, expected_in_rings
 from envs.polygons.overlaps import check_overlaps
 from envs.polygons.parity import with_even_count
@@ -75,6 +77,7 @@ def geometry_of(
     curvature: float = CURVATURE,
     size: Size | Floats | None = None,
     allow_large: bool = False,
+    mirror: str | Sequence[Sequence[float]] | None = None,
 ) -> Geometry:
     """The regions of a drawing, with common points where they share their boundary.
 
@@ -89,6 +92,7 @@ def geometry_of(
         size: discretise the outlines by this size, and by the edge length where that is less: a function of (m, 2)
             places to (m,) edge lengths, asked inside the polygons alone, or (m, 3) rows x, y and an edge length.
         allow_large: also where an edge length asks for a mesh of more than ``mesh_size.MOST_ELEMENTS``.
+        mirror: an axis of symmetry, ``x``, ``y``, ``x0,y0,x1,y1`` or two points: the half to its left alone.
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several; a line that lies
@@ -102,6 +106,15 @@ def geometry_of(
     # What is wrong with an outline is said in terms of its own vertices, before it gets others.
     least = 3 if split else OUTER_LEAST
     outlines = [checked(rings, where, least) for rings, where in zip(polygons, sources, strict=True)]
+    regions = list(drawing.regions) or [""] * len(outlines)
+    axis = None
+    if mirror is not None:
+        check_no_seams(outlines, sources)
+        axis = axis_of(mirror, source)
+        parts = halves(outlines, axis, source)
+        outlines, regions = [half.rings for half in parts], [regions[half.of] for half in parts]
+        sources = [sources[half.of] for half in parts]
+        drawing = to_the_left(drawing, axis)
     lines = laid(drawing, outlines, source)
     faces = [Face(rings, NOWHERE, p) for p, rings in enumerate(outlines)]
     if lines.divide:
@@ -141,7 +154,6 @@ def geometry_of(
     domains = [replace(domain, deviation=off) for domain, off in zip(domains, deviations, strict=True)]
     sides = [sides_of(domain, lines) for domain in domains]
     domains, curved = on_their_curves(domains, [outlines[face.polygon] for face in faces], lines)
-    regions = list(drawing.regions) or [""] * len(polygons)
     return Geometry(
         name,
         tuple(
@@ -150,6 +162,7 @@ def geometry_of(
         ),
         lines.inside,
         tuple(drawing.places),
+        axis,
         tuple(drawing.notes),
     )
 

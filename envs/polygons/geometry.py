@@ -15,9 +15,11 @@ import shapely
 
 from envs.drawing import Drawing, Line, Place
 from envs.mesh import STRAIGHT, CurvedEdges
+from envs.polygons.axis import Axis
 from envs.polygons.curved_edges import curved_edges, on_curves
-from envs.polygons.named_sides import along, line_of_segments, sides_by_name, tolerance
+from envs.polygons.named_sides import along, line_of_segments, parts, sides_by_name, tolerance
 from envs.polygons.offered_names import offered
+from envs.polygons.rings import extent
 from envs.polygons.rings import place as shown
 from envs.types import Domain, DomainError, Floats, Ints
 
@@ -54,6 +56,7 @@ class Geometry:
         regions: in the order of its polygons.
         inside: lines that elements follow, which lie inside of regions or between them.
         places: points that a node sits on.
+        mirror: the axis that the regions are to the left of, as one half of what was drawn; None: they are all.
         notes: what the user is to be told, a line each.
     """
 
@@ -61,6 +64,7 @@ class Geometry:
     regions: tuple[Region, ...]
     inside: tuple[Line, ...] = ()
     places: tuple[Place, ...] = ()
+    mirror: Axis | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -139,6 +143,20 @@ def named(name: str) -> str:
 def area_of(polygons: Sequence[Sequence[Floats]]) -> shapely.Geometry:
     """What polygons cover together."""
     return shapely.union_all([shapely.Polygon(rings[0], rings[1:]) for rings in polygons])
+
+
+def to_the_left(drawing: Drawing, axis: Axis) -> Drawing:
+    """The drawing with those of its lines and places that are to the left of an axis, lines cut at it."""
+    far = 4.0 * max(extent(np.concatenate([line.points for line in drawing.lines])), 1.0) if drawing.lines else 1.0
+    reach = far + float(max((np.abs(line.points - axis.start).max() for line in drawing.lines), default=0.0))
+    a, b = axis.start - reach * axis.along, axis.start + reach * axis.along
+    left = shapely.Polygon([a, b, b + reach * axis.left, a + reach * axis.left])
+    lines = []
+    for line in drawing.lines:
+        pieces = parts(shapely.intersection(shapely.LineString(line.points), left), 0.0)
+        lines += [replace(line, points=piece) for piece in pieces]
+    places = [place for place in drawing.places if axis.offsets(np.array([[place.x, place.y]]))[0] >= 0.0]
+    return replace(drawing, lines=lines, places=places)
 
 
 def offers(polygons: Sequence[Sequence[Floats]]) -> list[Line]:

@@ -91,6 +91,8 @@ def add(commands: Any) -> None:
                           "(default: the boundary's)")  # fmt: skip
     boundary.add_argument("--max-size", type=positive, default=math.inf, metavar="L",
                           help="elements grow, or shrink, inwards to this edge length, likewise")  # fmt: skip
+    boundary.add_argument("--mirror", metavar="AXIS",
+                          help="mesh one half and mirror it: the axis of symmetry, x, y, or x0,y0,x1,y1")  # fmt: skip
     add_fix_parity(boundary)
     boundary.add_argument("--yes", action="store_true", help="make a mesh of more than 2 million elements, too")
     quality = mesh.add_argument_group("quality")
@@ -111,6 +113,13 @@ def add(commands: Any) -> None:
     files.add_argument("--split", action="store_true",
                        help="of several regions, a mesh for each: part-0.inp, part-1.inp, ...")  # fmt: skip
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
+    files.add_argument("--order", type=whole(1, 4), metavar="K",
+                       help="(K + 1)^2 nodes an element, those of curved sides on their curves")  # fmt: skip
+    files.add_argument("--element-type", metavar="TYPE", help="of .inp files: CPE4, CPS4, CAX4, S4, CPS8, C3D8, ...")
+    files.add_argument("--extrude", type=positive, metavar="H", help="hexahedra of this height")
+    files.add_argument("--revolve", type=positive, metavar="DEGREES", help="hexahedra around an axis")
+    files.add_argument("--layers", type=whole(1, 10**6), metavar="N", help="of hexahedra (1; around: 24)")
+    files.add_argument("--axis", default="y", metavar="AXIS", help="to revolve around: x, y, or x0,y0,x1,y1 (y)")
     files.add_argument("--msh-version", choices=MSH_VERSIONS, default=MSH_VERSIONS[0],
                        help=f"of .msh files ({MSH_VERSIONS[0]})")  # fmt: skip
 
@@ -138,11 +147,13 @@ def run(options: argparse.Namespace) -> int:
     if not outputs and not options.list_names:
         raise OutputError("mesh: where to write? give -o OUT, as in -o part.inp")
     check_outputs(outputs, PICTURES if options.list_names else SUFFIXES)
+    if options.extrude is not None and options.revolve is not None:
+        raise OutputError("mesh: --extrude and --revolve: give one of the two")
     own = own_sizes(options.domain) if said is None and options.edge_length is None else None
     geometry = load_geometry(
         options.domain, layers=tuple(options.layer), join=options.join, fix_parity=options.fix_parity,
         edge_length=options.edge_length, grading=options.grading, curvature=options.curvature,
-        size=own if said is None else said, allow_large=options.yes,
+        size=own if said is None else said, allow_large=options.yes, mirror=options.mirror,
     )  # fmt: skip
     for told in geometry.notes:
         note(f"{options.domain}: {told}")
@@ -166,8 +177,8 @@ def run(options: argparse.Namespace) -> int:
     for i, piece in enumerate(pieces):
         mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
         written = [path if len(pieces) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
-        for path in written:
-            mesh.write(path, version=options.msh_version, quadratic=options.quadratic)
+        for line in write(mesh, written, options):
+            note(line)
         figures = mesh.quality()
         say(mesh_line(mesh, figures, written))
         if options.edge_length is None and said is None and figures["eta"] < POOR:
@@ -176,6 +187,28 @@ def run(options: argparse.Namespace) -> int:
                 "--edge-length L splits them evenly"
             )
     return 0
+
+
+def write(mesh: Mesh, outputs: Sequence[Path], options: argparse.Namespace) -> list[str]:
+    """Write a mesh, or the hexahedra that it sweeps; what the user is to be told, a line each."""
+    from freemesh_ray import export
+
+    wanted = {"version": options.msh_version, "quadratic": options.quadratic, "element_type": options.element_type}
+    if options.extrude is None and options.revolve is None:
+        return [line for path in outputs for line in mesh.write(path, order=options.order, **wanted)]
+    order = 2 if options.quadratic else options.order or 1
+    solid = (
+        mesh.extruded(options.extrude, options.layers or 1, order=order)
+        if options.revolve is None
+        else mesh.revolved(options.revolve, options.layers or 24, options.axis, order=order)
+    )
+    told: list[str] = []
+    for path in outputs:
+        if path.suffix.lower() in export.SUFFIXES:
+            told += export.write(solid, path, order=order, **wanted)
+        else:
+            told += mesh.write(path)
+    return told
 
 
 def list_names(geometry: Geometry, pictures: Sequence[Path]) -> int:

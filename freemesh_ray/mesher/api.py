@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from envs.domains.load import load_geometry, object_geometry, own_sizes, wanted_sizes
 from envs.mesh import Mesh as PlainMesh
+from envs.polygons.axis import axis_of
 from envs.polygons.geometry import Geometry, Test, named_by, with_regions
 from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE
@@ -19,8 +20,11 @@ from envs.readers.sizes import size_of
 from envs.types import NO_WISHES, Domain, Floats, WantedSizes
 from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
+from freemesh_ray.meshes import swept
 from freemesh_ray.meshes.assembly import Part, assembled
 from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.meshes.mirrored import mirrored
+from freemesh_ray.meshes.swept import SweptMesh
 from freemesh_ray.plots import replay
 from freemesh_ray.policies.policy import DEFAULT, DENSITY, SHIPPED, Policy
 
@@ -85,7 +89,10 @@ class Mesh(PlainMesh):
         ]
         whole = assembly(geometry, [result.finished for result in results])
         raw = assembly(geometry, [result.raw for result in results])
-        result = results[0] if len(results) == 1 else combined(results, raw, whole)
+        if geometry.mirror is not None:
+            whole, raw = mirrored(whole, geometry.mirror), mirrored(raw, geometry.mirror)
+        alone = len(results) == 1 and geometry.mirror is None
+        result = results[0] if alone else combined(results, raw, whole)
         return cls(
             whole.name, whole.vertices, whole.quads, whole.segments, whole.complete, result,
             groups=whole.groups, curved=whole.curved,
@@ -110,16 +117,39 @@ class Mesh(PlainMesh):
         """Draw it, coloured by quality, into a ``.png`` or ``.svg``."""
         plots.draw_mesh(self, Path(path))
 
-    def write(self, path: str | os.PathLike[str], *, version: str = "4.1", quadratic: bool = False) -> None:
+    def extruded(self, height: float, layers: int = 1, ratio: float = 1.0, *, order: int = 1) -> SweptMesh:
+        """The hexahedra between the mesh and itself at a height; see meshes.swept.extruded."""
+        return swept.extruded(self, height, layers, ratio, order=order)
+
+    def revolved(
+        self, degrees: float = 360.0, layers: int = 24, axis: str | Sequence[Sequence[float]] = "y", *, order: int = 1
+    ) -> SweptMesh:
+        """The hexahedra that the mesh leaves behind when it turns around an axis; see meshes.swept.revolved."""
+        return swept.revolved(self, degrees, layers, axis_of(axis, self.name), order=order)
+
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        version: str = "4.1",
+        quadratic: bool = False,
+        order: int | None = None,
+        element_type: str | None = None,
+    ) -> tuple[str, ...]:
         """Write it in the format that the extension names, one of ``SUFFIXES``.
 
         Args:
-            path: ``.inp``, ``.msh``, ``.vtu``, ``.bdf``, ``.obj``, a picture, or ``.html``, a replay.
+            path: of a format of docs/formats.md, a picture, or ``.html``, a replay.
             version: of a ``.msh``, 4.1 or 2.2.
-            quadratic: with nodes in the middle of the edges.
+            quadratic: of order 2, elements of eight nodes where the format has such.
+            order: of the elements, 1 to 4; nodes of curved sides are on their curves.
+            element_type: of an ``.inp``, as ``CPS4``.
+
+        Returns:
+            What was changed or left out, a line each: names that the format cannot hold, parts that it does not keep.
 
         Raises:
-            OutputError: another extension, or a place that cannot be written to.
+            OutputError: another extension, elements that the format does not hold, or a place that cannot be written to.
         """
         place = Path(path)
         if place.suffix.lower() in plots.SUFFIXES:
@@ -127,7 +157,8 @@ class Mesh(PlainMesh):
         elif place.suffix.lower() == replay.SUFFIX:
             replay.write(self.result.raw, place, None if self.result.finished is self.result.raw else self)
         else:
-            export.write(self, place, version, quadratic)
+            return export.write(self, place, version, quadratic, order=order, element_type=element_type)
+        return ()
 
 
 def assembly(geometry: Geometry, meshes: Sequence[PlainMesh]) -> PlainMesh:
@@ -176,6 +207,7 @@ def mesh(
     join: float | None = None,
     names: Mapping[str, Test] | None = None,
     regions: Sequence[str] | None = None,
+    mirror: str | Sequence[Sequence[float]] | None = None,
     **options: Any,
 ) -> Mesh:
     """Mesh a polygon, or several that share boundary, as one conforming mesh.
@@ -206,6 +238,7 @@ def mesh(
         names: of sides: functions of (m, 2) places to (m,) bool; a boundary segment whose ends and middle all pass has
             the name, before what the file says.
         regions: a name for each polygon, before what the file says.
+        mirror: an axis of symmetry, ``x``, ``y`` or two points: one half is meshed, the other is its mirror image.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``: see mesher.mesh_domain.
 
     Returns:
@@ -221,7 +254,7 @@ def mesh(
         own = own_sizes(polygon)
     split: dict[str, Any] = {
         "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "curvature": curvature,
-        "size": own if said is None else said, "allow_large": allow_large,
+        "size": own if said is None else said, "allow_large": allow_large, "mirror": mirror,
     }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
         geometry = load_geometry(polygon, layers=tuple(layers), join=join, **split)
