@@ -163,6 +163,7 @@ def geometry_of(
         lines.inside,
         tuple(drawing.places),
         axis,
+        any([*regions, *(line.name for line in drawing.lines), *(place.name for place in drawing.places)]),
         tuple(drawing.notes),
     )
 

@@ -57,6 +57,7 @@ class Geometry:
         inside: lines that elements follow, which lie inside of regions or between them.
         places: points that a node sits on.
         mirror: the axis that the regions are to the left of, as one half of what was drawn; None: they are all.
+        stated: whether the drawing names anything; else the sides' names are those that are offered.
         notes: what the user is to be told, a line each.
     """
 
@@ -65,6 +66,7 @@ class Geometry:
     inside: tuple[Line, ...] = ()
     places: tuple[Place, ...] = ()
     mirror: Axis | None = None
+    stated: bool = True
     notes: tuple[str, ...] = ()
 
 
@@ -160,8 +162,13 @@ def to_the_left(drawing: Drawing, axis: Axis) -> Drawing:
 
 
 def offers(polygons: Sequence[Sequence[Floats]]) -> list[Line]:
-    """Names for the sides of a polygon alone; several would have the same ones."""
-    return offered(polygons[0]) if len(polygons) == 1 else []
+    """Names for the sides of what polygons cover together; none where that falls apart."""
+    if len(polygons) == 1:
+        return offered(polygons[0])
+    whole = area_of(polygons)
+    if whole.geom_type != "Polygon":
+        return []
+    return offered([shapely.get_coordinates(ring)[:-1] for ring in (whole.exterior, *whole.interiors)])
 
 
 def snapped(places: Floats, rings: Sequence[Floats], near: float) -> Floats:

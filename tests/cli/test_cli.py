@@ -247,11 +247,14 @@ def test_the_points_of_a_script_say_sizes(tmp_path: Path, capsys: pytest.Capture
     assert counts[0] > counts[1] + 2
 
 
-def test_every_polygon_of_a_file_gets_its_own_mesh(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_polygons_of_a_file_are_one_mesh_or_one_each(policy: str, capsys: pytest.CaptureFixture[str]) -> None:
     rings = [[[x + dx, y] for x, y in [*SQUARE, SQUARE[0]]] for dx in (0, 5)]
     Path("two.geojson").write_text(json.dumps({"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}))
     assert cli.main(["mesh", "two.geojson", "-o", "out.msh", "--policy", policy]) == 0
-    assert sorted(path.name for path in Path().glob("*.msh")) == ["out-0.msh", "out-1.msh"]
+    assert [path.name for path in Path().glob("*.msh")] == ["out.msh"]
+    assert capsys.readouterr().out.startswith("two: ")
+    assert cli.main(["mesh", "two.geojson", "-o", "out.msh", "--policy", policy, "--split"]) == 0
+    assert sorted(path.name for path in Path().glob("*.msh")) == ["out-0.msh", "out-1.msh", "out.msh"]
     assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["two[0]", "two[1]"]
 
 

@@ -108,9 +108,11 @@ def test_figures_and_files(mesh: freemesh_ray.Mesh, tmp_path: Path) -> None:
         assert (tmp_path / f"part{suffix}").stat().st_size > 0
 
 
-def test_several_polygons_are_refused() -> None:
-    with pytest.raises(DomainError, match="2 polygons where one is needed"):
-        freemesh_ray.mesh(shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)]), edge_length=0.2)
+def test_several_polygons_are_one_mesh_of_several_regions() -> None:
+    polygons = shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)])
+    mesh = freemesh_ray.mesh(polygons, edge_length=0.2)
+    assert mesh.defects(area=2.0) == []
+    assert {name: len(elements) for name, elements in mesh.groups.regions.items()} == {"region_1": 25, "region_2": 25}
 
 
 @pytest.mark.parametrize("path", SHIPPED.values(), ids=list(SHIPPED))
