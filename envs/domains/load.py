@@ -14,13 +14,14 @@ from envs.domains.endless import EndlessDomains
 from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
 from envs.domains.varied_domain import VariedDomains
+from envs.drawing import Drawing, Reading
 from envs.plug_in import is_spec
-from envs.polygons.domain import domains_of, from_polygon, from_ring_with_seam, from_rings, largest_wanted, wanted_at
+from envs.polygons.domain import from_polygon, from_ring_with_seam, from_rings, geometry_of, largest_wanted, wanted_at
+from envs.polygons.geometry import Geometry
 from envs.polygons.size_cells import Size
-from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import BY_SUFFIX
-from envs.readers.python_objects import polygons_of
-from envs.readers.read import Polygons, read
+from envs.readers.python_objects import drawing_of
+from envs.readers.read import read
 from envs.readers.source import check_file
 from envs.types import Domain, DomainError, Floats, WantedSizes
 
@@ -64,123 +65,103 @@ def source(spec: str) -> Source:
     return load(spec) if named is None else named
 
 
-def load(
-    spec: str | os.PathLike[str],
-    *,
-    fix_parity: bool = False,
-    edge_length: float | None = None,
-    grading: float = 1.0,
-    curvature: float = CURVATURE,
-    size: Size | Floats | None = None,
-    allow_large: bool = False,
-) -> Domain:
+def load(spec: str | os.PathLike[str], **options: Any) -> Domain:
     """The one domain that ``spec`` names; see :func:`load_all`.
 
     Raises:
         DomainError: as :func:`load_all`, or another number of polygons than one.
     """
-    polygons, name, source = given(spec, np.inf if edge_length is None and size is not None else edge_length)
-    if len(polygons) != 1:
-        fix = "keep one in each file" if polygons else "give one"
-        raise DomainError(f"{source}: {len(polygons)} polygons where exactly one is needed; {fix}")
-    return domains_of(
-        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, curvature=curvature,
-        size=size, allow_large=allow_large,
-    )[0]  # fmt: skip
+    found = load_geometry(spec, most=1, **options)
+    return found.regions[0].domain
 
 
-def load_all(
+def load_all(spec: str | os.PathLike[str], **options: Any) -> list[Domain]:
+    """Every domain that ``spec`` names: the regions of :func:`load_geometry`, whose arguments it takes."""
+    return [region.domain for region in load_geometry(spec, **options).regions]
+
+
+def load_geometry(
     spec: str | os.PathLike[str],
     *,
-    fix_parity: bool = False,
+    layers: tuple[str, ...] = (),
+    join: float | None = None,
     edge_length: float | None = None,
-    grading: float = 1.0,
-    curvature: float = CURVATURE,
     size: Size | Floats | None = None,
-    allow_large: bool = False,
-) -> list[Domain]:
-    """Every domain that ``spec`` names.
+    most: int | None = None,
+    **options: Any,
+) -> Geometry:
+    """What ``spec`` names, its boundary split.
 
-    Several polygons of one file are domains of their own, called ``part[0]``, ``part[1]``, ... after the file
+    Several polygons of one file are regions, whose domains are called ``part[0]``, ``part[1]``, ... after the file
     ``part``. Where they share boundary segments, what is set on these is the same for both, number for number.
 
     Args:
         spec: a catalogue name in any case (``T1``), a seed (``random-7``, ``random-7_spikiness=0.5_holes=1``,
             ``part-7``, ``varied-7``), or the path of a polygon file (the extensions are those of
             :mod:`envs.readers.formats`).
-        fix_parity: split the longest segment at its midpoint when a polygon's number of vertices is odd.
+        layers, join: how a drawing is read, see :class:`envs.drawing.Reading`.
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
-        grading: largest segment over the smallest, 1 (even) to 1000: above 1 segments shrink from ``edge_length``
-            near short sides, sharp and re-entrant corners and in narrow places, and grow again smoothly.
-        curvature: segments for a full turn of an arc, 4 to 180, where the outline is discretised: arcs of drawings, and
-            those that fine vertices follow.
         size: discretise the outline by this size, and by ``edge_length`` where that is less: a function of (m, 2)
             places to (m,) edge lengths, asked inside the polygons alone, or (m, 3) rows x, y and an edge length, from
             which sizes grow.
-        allow_large: also where ``edge_length`` asks for a mesh of more than 2 million elements.
+        most: polygons at most; None: as many as there are.
+        options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``: see
+            :func:`envs.polygons.domain.geometry_of`.
 
     Raises:
         DomainError: the source, the place and the fix in one line.
     """
-    polygons, name, source = given(spec, np.inf if edge_length is None and size is not None else edge_length)
-    if not polygons:
+    reading = Reading(np.inf if edge_length is None and size is not None else edge_length, layers, join)
+    drawing, name, source = given(spec, reading)
+    count = len(drawing.polygons)
+    if not count:
         raise DomainError(f"{source}: no polygon in it; give at least one")
-    return domains_of(
-        polygons, name, source, fix_parity=fix_parity, edge_length=edge_length, grading=grading, curvature=curvature,
-        size=size, allow_large=allow_large,
-    )  # fmt: skip
+    if most is not None and count > most:
+        raise DomainError(f"{source}: {count} polygons where exactly one is needed; keep one in each file")
+    return geometry_of(drawing, name, source, edge_length=edge_length, size=size, **options)
 
 
-def from_object(
-    polygon: Any,
-    name: str = "polygon",
-    *,
-    fix_parity: bool = False,
-    edge_length: float | None = None,
-    grading: float = 1.0,
-    curvature: float = CURVATURE,
-    size: Size | Floats | None = None,
-    allow_large: bool = False,
-) -> list[Domain]:
-    """The domains of a polygon that a program holds, one for each polygon in it.
+def from_object(polygon: Any, name: str = "polygon", **options: Any) -> list[Domain]:
+    """The domains of a polygon that a program holds, one for each polygon in it; see :func:`object_geometry`."""
+    return [region.domain for region in object_geometry(polygon, name, **options).regions]
+
+
+def object_geometry(polygon: Any, name: str = "polygon", **options: Any) -> Geometry:
+    """What a program holds, its boundary split.
 
     Args:
         polygon: an (n, 2) array or a list of pairs (one ring, which may walk seams to its holes); a list of rings, the
             outer one first; a list of such lists; a shapely Polygon, MultiPolygon or LinearRing, or a list of them; a
-            GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``.
+            GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``; a
+            :class:`envs.drawing.Drawing`.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
-        fix_parity: as for :func:`load_all`.
-        edge_length: as for :func:`load_all`.
-        grading, curvature, size: as for :func:`load_all`.
-        allow_large: as for :func:`load_all`.
+        options: ``fix_parity``, ``edge_length``, ``grading``, ``curvature``, ``size``, ``allow_large``: see
+            :func:`envs.polygons.domain.geometry_of`.
 
     Raises:
         DomainError: an object that holds no polygon, or one that cannot be meshed.
     """
-    polygons = polygons_of(polygon, name)
-    if not polygons:
+    drawing = drawing_of(polygon, name)
+    if not drawing.polygons:
         raise DomainError(f"{name}: no polygon in it; give at least one")
-    return domains_of(
-        polygons, name, name, fix_parity=fix_parity, edge_length=edge_length, grading=grading, curvature=curvature,
-        size=size, allow_large=allow_large,
-    )  # fmt: skip
+    return geometry_of(drawing, name, name, **options)
 
 
-def given(spec: str | os.PathLike[str], edge_length: float | None) -> tuple[Polygons, str, str]:
-    """The polygons that ``spec`` names as lists of rings, their name, and what messages call the source."""
+def given(spec: str | os.PathLike[str], reading: Reading) -> tuple[Drawing, str, str]:
+    """The drawing that ``spec`` names, its name, and what messages call the source."""
     text = os.fspath(spec)
     path = Path(text)
     if isinstance(spec, str):
         for random in (random_domain, random_part, varied_domain):
             if random.is_spec(text) and not os.path.isfile(text):
                 drawn = random.from_spec(text)
-                return [rings_of(drawn)], drawn.name, text
+                return Drawing([rings_of(drawn)]), drawn.name, text
         if text.upper() in catalogue():
             path = CATALOGUE / f"{text.upper()}.json"
         elif not looks_like_path(text):
             raise DomainError(unknown_name(text))
-    return read(path, edge_length), path.stem, str(path)
+    return read(path, reading), path.stem, str(path)
 
 
 def own_sizes(spec: str | os.PathLike[str]) -> Floats | None:

@@ -76,7 +76,9 @@ class Boundary:
     widest: Floats
 
 
-def boundary(polygons: Sequence[Sequence[Floats]], coarse: float, corner: float = CORNER) -> Boundary:
+def boundary(
+    polygons: Sequence[Sequence[Floats]], coarse: float, corner: float = CORNER, keep: Floats | None = None
+) -> Boundary:
     """The graph of polygons.
 
     A vertex stays a node where the outline turns by more than ``corner``, where one of its segments is at least
@@ -86,6 +88,7 @@ def boundary(polygons: Sequence[Sequence[Floats]], coarse: float, corner: float 
         polygons: for each its rings, each (n, 2), the outer one first; shared vertices are equal number for number.
         coarse: the length from which a segment is a side in its own right; 0 keeps every vertex.
         corner: the turn from which a vertex is a corner, radians.
+        keep: (k, 2) vertices that stay nodes, equal number for number.
     """
     rings = [ring for polygon in polygons for ring in polygon]
     outer = np.array([r == 0 for polygon in polygons for r in range(len(polygon))])
@@ -93,6 +96,8 @@ def boundary(polygons: Sequence[Sequence[Floats]], coarse: float, corner: float 
     _, ids = np.unique(everything[:, 0] + 1j * everything[:, 1], return_inverse=True)
     walks = np.split(ids.astype(np.int64), np.cumsum([len(ring) for ring in rings])[:-1])
     stays = degree(walks, int(ids.max()) + 1) != 2
+    if keep is not None and len(keep):
+        stays[ids[np.isin(everything[:, 0] + 1j * everything[:, 1], keep[:, 0] + 1j * keep[:, 1])]] = True
     sharpest, widest = np.full(len(stays), 2 * np.pi), np.zeros(len(stays))
     for ring, walk, is_outer in zip(rings, walks, outer, strict=True):
         turn, length = turns(ring), np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)

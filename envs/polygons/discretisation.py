@@ -26,6 +26,9 @@ Polygon = Sequence[Floats]
 #: How much more one vertex on a chain that has a twin distorts, which breaks a symmetry, as the logarithm of a ratio.
 TWIN = 0.1
 
+#: No places.
+NOWHERE: Floats = np.zeros((0, 2))
+
 #: Chains are twins when their integrals of ds / h differ by less than this share.
 ALIKE = 1e-6
 
@@ -39,6 +42,7 @@ def discretised(
     curvature: float = CURVATURE,
     wanted: Floats | None = None,
     size: Size | None = None,
+    keep: Floats = NOWHERE,
 ) -> list[list[Floats]]:
     """The rings of polygons with vertices an edge length apart, an even number in each polygon.
 
@@ -54,6 +58,7 @@ def discretised(
             corner. No segment is further from the outline than tan(pi / curvature) / 2 of its length.
         wanted: (m, 3) float64, x, y and a size wanted there, from which sizes grow.
         size: what is wanted at places on the outlines, as a function.
+        keep: (k, 2) places on the outlines that become vertices and stay: where names begin and end.
 
     Returns:
         For each polygon its rings in the same orientation.
@@ -70,10 +75,10 @@ def discretised(
         # Sizes above the edge length do not occur, so this is the least that is possible.
         perimeter = sum(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum() for rings in polygons for r in rings)
         check_count(perimeter / edge_length, source, f"use a larger {EDGE_LENGTH}")
-        whole = conforming(polygons)
+        whole = conforming(polygons, keep)
         # By less, so that a polygon of as many vertices as a full turn has segments keeps them.
         corner = min(CORNER, 2.0 * np.pi / curvature * (1.0 - 1e-9))
-        graph = boundary(whole, coarse=edge_length, corner=corner)
+        graph = boundary(whole, coarse=edge_length, corner=corner, keep=keep)
         along = sizes(
             graph,
             whole,
@@ -99,14 +104,14 @@ def discretised(
     ]
 
 
-def conforming(polygons: Sequence[Polygon]) -> list[list[Floats]]:
-    """The polygons with the vertices of their neighbours that lie on their segments.
+def conforming(polygons: Sequence[Polygon], keep: Floats = NOWHERE) -> list[list[Floats]]:
+    """The polygons with the vertices of their neighbours, and the places to keep, that lie on their segments.
 
     Each such vertex is one more in the ring, where the neighbour has it, so that the stretch between is shared.
     """
     rings = [ring for polygon in polygons for ring in polygon]
-    if len(polygons) > 1:
-        points = np.concatenate(rings)
+    if len(polygons) > 1 or len(keep):
+        points = np.concatenate([*rings, keep])
         tolerance = RELATIVE_TOLERANCE * extent(points)
         sides = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
         side, point = shapely.STRtree(shapely.points(points)).query(

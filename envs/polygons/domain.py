@@ -11,17 +11,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
+from envs.drawing import Drawing
 from envs.errors import UserError
 from envs.polygons import ring_with_seams, seam
 from envs.polygons.deviation import deviation
 from envs.polygons.discretisation import discretised
+from envs.polygons.geometry import Geometry, laid, region_of
 from envs.polygons.mesh_size import check_elements, expected_in_rings
 from envs.polygons.parity import with_even_count
 from envs.polygons.rings import (
@@ -42,8 +45,22 @@ from envs.printable import printable
 from envs.types import Domain, DomainError, Floats, WantedSizes
 
 
-def domains_of(
-    polygons: Sequence[Sequence[ArrayLike]],
+def domains_of(polygons: Sequence[Sequence[ArrayLike]], name: str, source: str, **options: Any) -> list[Domain]:
+    """The domain of each polygon, with common points where they share their boundary.
+
+    Args:
+        polygons: for each its rings, the outer one first; nothing is checked yet. A ring alone may walk seams to its
+            holes.
+        name, source, options: see `geometry_of`.
+
+    Raises:
+        DomainError, UserError: as `geometry_of`.
+    """
+    return [region.domain for region in geometry_of(Drawing(polygons), name, source, **options).regions]
+
+
+def geometry_of(
+    drawing: Drawing,
     name: str,
     source: str,
     *,
@@ -53,12 +70,11 @@ def domains_of(
     curvature: float = CURVATURE,
     size: Size | Floats | None = None,
     allow_large: bool = False,
-) -> list[Domain]:
-    """The domain of each polygon, with common points where they share their boundary.
+) -> Geometry:
+    """The regions of a drawing, with common points where they share their boundary.
 
     Args:
-        polygons: for each its rings, the outer one first; nothing is checked yet. A ring alone may walk seams to its
-            holes.
+        drawing: nothing of it is checked yet.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
         source: what messages begin with.
         fix_parity: split the longest segment when a polygon's total of vertices is odd.
@@ -70,39 +86,47 @@ def domains_of(
         allow_large: also where an edge length asks for a mesh of more than ``mesh_size.MOST_ELEMENTS``.
 
     Raises:
-        DomainError: the first polygon that cannot be meshed, with its number when there are several.
+        DomainError: the first polygon that cannot be meshed, with its number when there are several; a line that lies
+            outside.
         UserError: a size that is none.
     """
     check_sizes(edge_length, grading, curvature, source, sized=size is not None)
-    name = printable(name)
+    name, polygons = printable(name), drawing.polygons
     names, sources = [name], [source]
     if len(polygons) > 1:
         names = [f"{name}[{i}]" for i in range(len(polygons))]
         sources = [f"{source}: polygon {i}" for i in range(len(polygons))]
-    valid: Iterable[list[Floats]]
-    deviations = [0.0] * len(polygons)
-    if edge_length is None and size is None and not (fix_parity and len(polygons) > 1):
-        valid = (checked(rings, where) for rings, where in zip(polygons, sources, strict=True))
-    else:
-        # What is wrong with an outline is said in terms of its own vertices, before it gets others.
-        outlines = [checked(rings, where, least=3) for rings, where in zip(polygons, sources, strict=True)]
+    split = edge_length is not None or size is not None or (fix_parity and len(polygons) > 1)
+    # What is wrong with an outline is said in terms of its own vertices, before it gets others.
+    least = 3 if split else OUTER_LEAST
+    outlines = [checked(rings, where, least) for rings, where in zip(polygons, sources, strict=True)]
+    lines = laid(drawing.lines, outlines, source)
+    valid, deviations = outlines, [0.0] * len(polygons)
+    if split:
         wanted = None if size is None else wanted_at(size, outlines)
         if wanted is not None:
             edge_length = largest_wanted(size, wanted, edge_length)
         if edge_length is not None and not allow_large:
             for rings, where in zip(outlines, sources, strict=True):
                 check_elements(expected_in_rings(rings, edge_length), where)
-        split = discretised(
+        fine = discretised(
             outlines, source, edge_length=edge_length, grading=grading, curvature=curvature, wanted=wanted,
-            size=within(size, outlines) if callable(size) else None,
+            size=within(size, outlines) if callable(size) else None, keep=lines.keep,
         )  # fmt: skip
-        valid = [checked_again(rings, where, edge_length) for rings, where in zip(split, sources, strict=True)]
+        valid = [checked_again(rings, where, edge_length) for rings, where in zip(fine, sources, strict=True)]
         if edge_length is not None:
-            deviations = [deviation(before, after) for before, after in zip(outlines, split, strict=True)]
-    return [
+            deviations = [deviation(before, after) for before, after in zip(outlines, fine, strict=True)]
+    domains = [
         replace(joined(rings, called, where, fix_parity), deviation=off)
         for rings, called, where, off in zip(valid, names, sources, deviations, strict=True)
     ]
+    regions = list(drawing.regions) or [""] * len(domains)
+    return Geometry(
+        name,
+        tuple(region_of(domain, region, lines) for domain, region in zip(domains, regions, strict=True)),
+        lines.lines,
+        tuple(drawing.notes),
+    )
 
 
 def wanted_at(size: Size | Floats, polygons: Sequence[Sequence[Floats]]) -> Floats:

@@ -8,9 +8,19 @@ from typing import Any
 import numpy as np
 import shapely
 
+from envs.drawing import Drawing
 from envs.readers.geojson import polygons_of_geojson, polygons_of_rings
 from envs.readers.wkt import polygons_of_geometry
 from envs.types import DomainError
+
+
+def drawing_of(given: Any, source: str) -> Drawing:
+    """A Python object as a drawing; see :func:`envs.domains.load.from_object`.
+
+    Raises:
+        DomainError: an object that holds no polygon.
+    """
+    return given if isinstance(given, Drawing) else Drawing(polygons_of(given, source))
 
 
 def polygons_of(given: Any, source: str) -> list[list[Any]]:

@@ -1,34 +1,34 @@
-"""A polygon file in: a list of polygons, each a list of rings as the file states them."""
+"""A polygon file in: a drawing, as the file states it."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from envs.drawing import Drawing, Reading
 from envs.polygons.curves import ChordsError
 from envs.polygons.rings import check_count, check_rings
 from envs.readers.formats import BY_SUFFIX
 from envs.readers.source import check_file
 from envs.types import DomainError
 
-Polygons = list[list[Any]]
 
-
-def read(path: Path, edge_length: float | None = None) -> Polygons:
-    """The polygons in a file.
+def read(path: Path, reading: Reading) -> Drawing:
+    """The drawing in a file.
 
     Args:
         path: a polygon file; its extension, in any case, tells the format.
-        edge_length: what outlines are to be discretised by; None: curves are flattened for good.
+        reading: how.
 
     Returns:
-        For each polygon its rings, the outer one first, as the file states them: nothing is checked yet.
+        Its polygons, for each its rings, the outer one first, as the file states them, and what it says of these:
+        nothing is checked yet.
 
     Raises:
-        DomainError: no such file, an unknown extension, a file that is too large, broken or without a polygon.
+        DomainError: no such file, an unknown extension, a file that is too large, broken or without a polygon, or ways
+            of reading that its format does not have.
     """
     format = BY_SUFFIX.get(path.suffix.lower())
     if format is None:
@@ -37,9 +37,12 @@ def read(path: Path, edge_length: float | None = None) -> Polygons:
     reader = import_module(f"envs.readers.{format.module}")
     try:
         with np.errstate(all="ignore"):  # numbers beyond floats are for the checks of the rings to name
-            polygons: Polygons = reader.polygons_of_file(path, edge_length)
+            if hasattr(reader, "drawing_of_file"):
+                drawing: Drawing = reader.drawing_of_file(path, reading)
+            else:
+                drawing = Drawing(reader.polygons_of_file(path, reading.edge_length))
     except ChordsError as error:
         raise DomainError(f"{path}: {error}") from None
-    check_rings(sum(map(len, polygons)), str(path))
-    check_count(sum(len(ring) for rings in polygons for ring in rings if hasattr(ring, "__len__")), str(path))
-    return polygons
+    check_rings(sum(map(len, drawing.polygons)), str(path))
+    check_count(sum(len(ring) for rings in drawing.polygons for ring in rings if hasattr(ring, "__len__")), str(path))
+    return drawing

@@ -6,9 +6,12 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import FORMATS as READ
@@ -18,6 +21,7 @@ from freemesh_ray.export import FORMATS, MSH_VERSIONS
 from freemesh_ray.formatting.terminal import note, paths, say
 
 if TYPE_CHECKING:
+    from envs.polygons.geometry import Geometry
     from freemesh_ray.mesher.api import Mesh
 
 #: A mean element quality below this deserves a word on the boundary.
@@ -37,7 +41,7 @@ examples:
   freemesh mesh D4 -o d4.html                     a replay of the mesh growing
   freemesh mesh D4 --best-of 8 --quadratic -o d4.bdf
 
-Of several polygons in a file, each gets a file of its own: part-0.inp, part-1.inp, ...
+Several polygons in a file are regions of one mesh, which share nodes where they share boundary.
 
 polygon files, by their suffix:
 """
@@ -58,9 +62,16 @@ def add(commands: Any) -> None:
     """Add the command to the grammar."""
     mesh = add_command(commands, "mesh", "mesh a polygon", DESCRIPTION, EPILOG + format_lines())
     mesh.add_argument("domain", metavar="POLYGON")
-    mesh.add_argument("-o", "--output", required=True, action="append", metavar="OUT",
+    mesh.add_argument("-o", "--output", action="append", default=[], metavar="OUT",
                       help=f"file to write: {', '.join(f'{suffix} ({one.name})' for suffix, one in FORMATS.items())}, "
                       ".png, .svg (picture), .html (replay); repeatable")  # fmt: skip
+    reading = mesh.add_argument_group("input")
+    reading.add_argument("--layer", action="append", default=[], metavar="NAME",
+                         help="of a drawing, read this layer alone; repeatable (all that are seen)")  # fmt: skip
+    reading.add_argument("--join", type=positive, metavar="L",
+                         help="of a drawing, ends so near each other meet (what rounding explains)")  # fmt: skip
+    reading.add_argument("--list-names", action="store_true",
+                         help="mesh nothing: print the names of sides and regions, and draw them in OUT")  # fmt: skip
     boundary = mesh.add_argument_group("boundary")
     boundary.add_argument("--edge-length", type=positive, metavar="L",
                           help="split the outline into pieces of about this length; corners stay "
@@ -97,6 +108,8 @@ def add(commands: Any) -> None:
                          "--min-size say (even)")  # fmt: skip
     add_policy(quality, "the shipped one of that density")
     files = mesh.add_argument_group("files")
+    files.add_argument("--split", action="store_true",
+                       help="of several regions, a mesh for each: part-0.inp, part-1.inp, ...")  # fmt: skip
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
     files.add_argument("--msh-version", choices=MSH_VERSIONS, default=MSH_VERSIONS[0],
                        help=f"of .msh files ({MSH_VERSIONS[0]})")  # fmt: skip
@@ -109,44 +122,81 @@ def run(options: argparse.Namespace) -> int:
         DomainError, PolicyError, OutputError: what is wrong with the input.
         MeshingError: a domain that has no valid mesh.
     """
-    from envs.domains.load import load_all, own_sizes, wanted_sizes
+    from envs.domains.load import load_geometry, own_sizes, wanted_sizes
     from envs.readers.sizes import size_of
-    from envs.types import WantedSizes
+    from envs.types import Domain, WantedSizes
     from freemesh_ray.cli.compiling_line import CompilingLine
     from freemesh_ray.mesher.api import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
+    from freemesh_ray.plots import SUFFIXES as PICTURES
     from freemesh_ray.policies.policy import SHIPPED, Policy
+    from freemesh_ray.storage.atomic import OutputError
 
     WantedSizes(options.min_size, options.max_size)
     said = None if options.size is None else size_of(options.size)
     outputs = [Path(output) for output in options.output]
-    check_outputs(outputs, SUFFIXES)
+    if not outputs and not options.list_names:
+        raise OutputError("mesh: where to write? give -o OUT, as in -o part.inp")
+    check_outputs(outputs, PICTURES if options.list_names else SUFFIXES)
     own = own_sizes(options.domain) if said is None and options.edge_length is None else None
-    domains = load_all(
-        options.domain, fix_parity=options.fix_parity, edge_length=options.edge_length, grading=options.grading,
-        curvature=options.curvature, size=own if said is None else said, allow_large=options.yes,
+    geometry = load_geometry(
+        options.domain, layers=tuple(options.layer), join=options.join, fix_parity=options.fix_parity,
+        edge_length=options.edge_length, grading=options.grading, curvature=options.curvature,
+        size=own if said is None else said, allow_large=options.yes,
     )  # fmt: skip
+    for told in geometry.notes:
+        note(f"{options.domain}: {told}")
+    if options.list_names:
+        return list_names(geometry, outputs)
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean", "effort")}
     if own is not None:
         note(f"{options.domain}: split by the sizes at its points; --edge-length L splits it evenly")
         said = own if policy.parameters.sized else None
-    for i, domain in enumerate(domains):
-        sizes = wanted_sizes(
+
+    def sizes(domain: Domain) -> WantedSizes:
+        return wanted_sizes(
             domain, said, edge_length=options.edge_length, least=options.min_size, most=options.max_size
         )
-        mesh = Mesh.from_domain(domain, policy, allow_large=options.yes, sizes=sizes, **wishes)
-        written = [path if len(domains) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
+
+    pieces = [geometry]
+    if options.split and len(geometry.regions) > 1:
+        pieces = [replace(geometry, name=region.domain.name, regions=(region,)) for region in geometry.regions]
+    for i, piece in enumerate(pieces):
+        mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
+        written = [path if len(pieces) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
         for path in written:
             mesh.write(path, version=options.msh_version, quadratic=options.quadratic)
         figures = mesh.quality()
         say(mesh_line(mesh, figures, written))
         if options.edge_length is None and said is None and figures["eta"] < POOR:
             note(
-                f"{domain.name}: the {len(domain.segments)} boundary segments are coarse or uneven; "
+                f"{mesh.name}: the {len(mesh.segments)} boundary segments are coarse or uneven; "
                 "--edge-length L splits them evenly"
             )
+    return 0
+
+
+def list_names(geometry: Geometry, pictures: Sequence[Path]) -> int:
+    """Print the names of a geometry, and draw them."""
+    from freemesh_ray.formatting.table import table
+    from freemesh_ray.plots import draw_names
+
+    rows = [("region", region.name, "", f"{region.domain.area:.6g}") for region in geometry.regions if region.name]
+    for name in dict.fromkeys(name for region in geometry.regions for name in region.sides):
+        ends = [region.domain.points[region.sides[name]] for region in geometry.regions if name in region.sides]
+        segments = np.concatenate(ends)
+        length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum()
+        rows.append(("side" if len(ends) == 1 else "interface", name, str(len(segments) // len(ends)),
+                     f"{length / len(ends):.6g}"))  # fmt: skip
+    say(
+        table(("what", "name", "segments", "length or area"), rows, left=(0, 1))
+        if rows
+        else f"{geometry.name}: no names"
+    )
+    for path in pictures:
+        draw_names(geometry, path)
     return 0
 
 

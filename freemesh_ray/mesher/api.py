@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from envs.domains.load import from_object, load_all, own_sizes, wanted_sizes
+from envs.domains.load import load_geometry, object_geometry, own_sizes, wanted_sizes
 from envs.mesh import Mesh as PlainMesh
+from envs.polygons.geometry import Geometry, Test, named_by, with_regions
 from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE
 from envs.readers.sizes import size_of
-from envs.types import Domain, DomainError, Floats
+from envs.types import NO_WISHES, Domain, Floats, WantedSizes
 from freemesh_ray import export, plots
 from freemesh_ray.mesher import MeshResult, mesh_domain
+from freemesh_ray.meshes.assembly import Part, assembled
 from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.plots import replay
 from freemesh_ray.policies.policy import DEFAULT, DENSITY, SHIPPED, Policy
@@ -56,6 +60,38 @@ class Mesh(PlainMesh):
         best = result.finished
         return cls(best.name, best.vertices, best.quads, best.segments, best.complete, result)
 
+    @classmethod
+    def from_geometry(
+        cls,
+        geometry: Geometry,
+        policy: Policy | None = None,
+        wishes: Callable[[Domain], WantedSizes] = lambda _: NO_WISHES,
+        **options: Any,
+    ) -> Self:
+        """One conforming mesh of all regions, with their names and those of sides and interfaces.
+
+        Args:
+            geometry: see envs.domains.load.load_geometry.
+            policy: the shipped one by default.
+            wishes: for each region's domain what is wanted of sizes inside.
+            options: as of `from_domain`.
+
+        Raises:
+            DomainError, MeshingError, ValueError: as of `from_domain`.
+        """
+        policy = Policy.load(DEFAULT) if policy is None else policy
+        results = [
+            mesh_domain(policy, region.domain, sizes=wishes(region.domain), **options) for region in geometry.regions
+        ]
+        whole = assembled(parts_of(geometry, [result.finished for result in results]), geometry.name)
+        result = results[0] if len(results) == 1 else combined(
+            results, assembled(parts_of(geometry, [result.raw for result in results]), geometry.name), whole
+        )  # fmt: skip
+        return cls(
+            whole.name, whole.vertices, whole.quads, whole.segments, whole.complete, result,
+            groups=whole.groups, curved=whole.curved,
+        )  # fmt: skip
+
     def quality(self) -> dict[str, float]:
         """The mesh in numbers, by name; docs/glossary.md explains them.
 
@@ -95,6 +131,30 @@ class Mesh(PlainMesh):
             export.write(self, place, version, quadratic)
 
 
+def parts_of(geometry: Geometry, meshes: Sequence[PlainMesh]) -> list[Part]:
+    """The regions' meshes with their names."""
+    return [Part(mesh, region.name, region.sides) for mesh, region in zip(meshes, geometry.regions, strict=True)]
+
+
+def combined(results: Sequence[MeshResult], raw: PlainMesh, finished: PlainMesh) -> MeshResult:
+    """What came about for several regions, as one."""
+    sources: Counter[str] = Counter()
+    for result in results:
+        sources.update(result.sources)
+    return MeshResult(
+        raw,
+        finished,
+        seconds_raw=sum(result.seconds_raw for result in results),
+        seconds_finished=sum(result.seconds_finished for result in results),
+        attempts=max(result.attempts for result in results),
+        sources=sources,
+        backtracks=sum(result.backtracks for result in results),
+        sequences=sum(result.sequences for result in results),
+        patches=sum(result.patches for result in results),
+        deviation=max(result.deviation for result in results),
+    )
+
+
 def mesh(
     polygon: Any,
     *,
@@ -109,13 +169,18 @@ def mesh(
     density: str = DENSITY,
     policy: Policy | None = None,
     allow_large: bool = False,
+    layers: Sequence[str] = (),
+    join: float | None = None,
+    names: Mapping[str, Test] | None = None,
+    regions: Sequence[str] | None = None,
     **options: Any,
 ) -> Mesh:
-    """Mesh a polygon.
+    """Mesh a polygon, or several that share boundary, as one conforming mesh.
 
     Args:
-        polygon: a file's path, a shapely Polygon, an (n, 2) array, or what else ``domains.load.load_all`` and
-            ``from_object`` take, of one polygon. Its vertices are the boundary's unless ``edge_length`` is given.
+        polygon: a file's path, a shapely Polygon, an (n, 2) array, a `Drawing` with names, or what else
+            ``domains.load.load_geometry`` and ``object_geometry`` take. Its vertices are the boundary's unless
+            ``edge_length`` is given. Several polygons are regions.
         edge_length: split the boundary into pieces of about this length, in the polygon's units; corners stay.
         grading: largest over smallest piece; 1: all alike but for arcs.
         curvature: where the boundary is split: pieces for a full turn of an arc, 4 to 180.
@@ -133,11 +198,18 @@ def mesh(
             boundary's segments.
         policy: the shipped one of that density by default.
         allow_large: make a mesh of more than 2 million elements, too.
+        layers: of a drawing's file, those that are read; by default all that are seen.
+        join: ends of a drawing's curves within this distance meet, in its units; by default what rounding explains.
+        names: of sides: functions of (m, 2) places to (m,) bool; a boundary segment whose ends and middle all pass has
+            the name, before what the file says.
+        regions: a name for each polygon, before what the file says.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``: see mesher.mesh_domain.
 
+    Returns:
+        The mesh; its ``groups`` hold the names of sides, regions, interfaces and lines.
+
     Raises:
-        DomainError: not one polygon, one that cannot be meshed, or a mesh too large; one line with the place and the
-            fix.
+        DomainError: no polygon, one that cannot be meshed, or a mesh too large; one line with the place and the fix.
         UserError: sizes that are none; PolicyError: sizes for a policy that knows none.
     """
     said = size_of(size) if isinstance(size, str | os.PathLike) else size
@@ -149,18 +221,23 @@ def mesh(
         "size": own if said is None else said, "allow_large": allow_large,
     }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
-        domains = load_all(polygon, **split)
+        geometry = load_geometry(polygon, layers=tuple(layers), join=join, **split)
     else:
-        domains = from_object(polygon, name or "polygon", **split)
-    if len(domains) != 1:
-        source = name or (polygon if isinstance(polygon, str | os.PathLike) else "polygon")
-        raise DomainError(f"{source}: {len(domains)} polygons where one is needed; mesh them one by one")
-    domain = domains[0] if name is None else replace(domains[0], name=name)
+        geometry = object_geometry(polygon, name or "polygon", **split)
+    if name is not None:
+        geometry = replace(geometry, name=name)
+    if regions is not None:
+        geometry = with_regions(geometry, regions)
+    if names:
+        geometry = named_by(geometry, names)
     if policy is None:
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
         policy = Policy.load(SHIPPED[density])
     if said is None and policy.parameters.sized:
         said = own
-    sizes = wanted_sizes(domain, said, edge_length=edge_length, least=min_size, most=max_size)
-    return Mesh.from_domain(domain, policy, sizes=sizes, allow_large=allow_large, **options)
+
+    def wishes(domain: Domain) -> WantedSizes:
+        return wanted_sizes(domain, said, edge_length=edge_length, least=min_size, most=max_size)
+
+    return Mesh.from_geometry(geometry, policy, wishes, allow_large=allow_large, **options)

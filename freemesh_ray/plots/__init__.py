@@ -8,11 +8,12 @@ from freemesh_ray.plots.boxes import PANELS, draw_boxes
 from freemesh_ray.plots.curves import draw_curves
 from freemesh_ray.plots.improvement import Pair, draw_improvements
 from freemesh_ray.plots.mesh import caption, draw_mesh
+from freemesh_ray.plots.names import draw_names
 from freemesh_ray.plots.page import SUFFIXES
 from freemesh_ray.plots.settings import draw_settings
 from freemesh_ray.plots.side_by_side import draw_side_by_side
 
 __all__ = [
     "PANELS", "SUFFIXES", "Pair", "Panel", "caption", "draw_bands", "draw_boxes", "draw_curves", "draw_improvements",
-    "draw_mesh", "draw_settings", "draw_side_by_side",
+    "draw_mesh", "draw_names", "draw_settings", "draw_side_by_side",
 ]  # fmt: skip
