@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
+from envs.printable import without_login
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.tracking.events import Event, new_event
 from freemesh_ray.tracking.journal import Journal, State, latest
@@ -28,7 +29,6 @@ from freemesh_ray.tracking.store import (
     brief,
     failure,
     mlflow_client,
-    without_password,
 )
 from freemesh_ray.tracking.summary import Summary, record
 from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
@@ -106,8 +106,8 @@ class MLflowRun:
             if journal:
                 journal.own()
             else:
-                journal = Journal.new(Path(folder), State(without_password(absolute(uri)), experiment))
-            texts = {key: str(value)[:VALUE_LENGTH] for key, value in (params or {}).items()}
+                journal = Journal.new(Path(folder), State(without_login(absolute(uri)), experiment))
+            texts = {key: without_login(str(value))[:VALUE_LENGTH] for key, value in (params or {}).items()}
             own = {"freemesh.host": platform.node(), "freemesh.journal": str(journal.path)}
             where = provenance()
             everything = {**(tags or {}), **where, **commit(where), **own}

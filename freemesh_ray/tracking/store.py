@@ -18,7 +18,10 @@ from urllib.parse import unquote, urlsplit
 
 from envs.errors import FAILED, UserError
 from freemesh_ray.config.paths import shown
+from envs.printable import without_login
 from freemesh_ray.tracking.events import is_id
+from freemesh_ray.config.store_login import with_login
+from freemesh_ray.storage.atomic import private_folder
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +76,7 @@ def failure(uri: str, error: BaseException) -> TrackingError:
     refused = getattr(error, "error_code", None) in REFUSED
     what = "refuses" if refused else "cannot be reached"
     fix = next((fix for sign, fix in FIXES.items() if sign in str(error)), None)
-    return TrackingError(f"{without_password(uri)}: {what} ({brief(error)}): {fix or FIXES[what]}")
+    return TrackingError(f"{without_login(uri)}: {what} ({brief(error)}): {fix or FIXES[what]}")
 
 
 def mlflow_client() -> Any:
@@ -89,10 +92,12 @@ def mlflow_client() -> Any:
 
 
 def connect(uri: str) -> Any:
-    """A client of the store at ``uri``; a sqlite store is made when there is none."""
+    """A client of the store at ``uri``, with the login that this process knows for it; a sqlite store is made when
+    there is none.
+    """
     with _one_at_a_time(uri):
         _make_whole(uri)
-        address = address_of(uri)
+        address = with_login(address_of(uri))
         return mlflow_client()(address, address)
 
 
@@ -100,11 +105,6 @@ def absolute(uri: str) -> str:
     """The same store whatever the working directory: the path of a sqlite store made absolute."""
     path = uri.removeprefix(SQLITE)
     return uri if path == uri or path.startswith(":") else f"{SQLITE}{Path(path).absolute()}"
-
-
-def without_password(uri: str) -> str:
-    """A store's address as it may be shown and kept."""
-    return re.sub(r"(https?://)[^/?#]*@", r"\1", uri)
 
 
 def takes_artifacts(uri: str, place: str) -> bool:
@@ -116,11 +116,12 @@ def takes_artifacts(uri: str, place: str) -> bool:
     """
     target = urlsplit(place)
     if not uri.startswith(SQLITE):
-        here = urlsplit(without_password(uri))
+        here = urlsplit(uri)
+        address = here.netloc.rpartition("@")[2]
         if target.scheme == "mlflow-artifacts":
-            return target.netloc in ("", here.netloc)
+            return target.netloc in ("", address)
         served = f"{here.path.rstrip('/')}/api/2.0/mlflow-artifacts/artifacts/"
-        return (target.scheme, target.netloc) == (here.scheme, here.netloc) and target.path.startswith(served)
+        return (target.scheme, target.netloc) == (here.scheme, address) and target.path.startswith(served)
     if target.scheme not in ("", "file") or target.netloc or "\0" in place:
         return False
     home = Path(uri.removeprefix(SQLITE)).parent
@@ -140,7 +141,7 @@ def artifacts_of(client: Any, uri: str, place: str) -> Any:
         moved = uri.startswith(SQLITE)
         fix = "where it was moved" if moved else "let the server take them itself (--serve-artifacts) and"
         raise ElsewhereError(
-            f"{without_password(uri)}: wants files sent to {place[:80]!a}, which is another place: "
+            f"{without_login(uri)}: wants files sent to {place[:80]!a}, which is another place: "
             f"{fix} set another tracking.experiment"
         )
     return get_artifact_repository(place, tracking_uri=client.tracking_uri)
@@ -168,7 +169,7 @@ def browsing(uri: str, page: str | None = None) -> list[str]:
         The address of the page; of a file that no server serves the command, and the address that is then the page's.
     """
     if not uri.startswith(SQLITE):
-        return [f"{without_password(uri).rstrip('/')}/{page}" if page else without_password(uri)]
+        return [f"{without_login(uri).rstrip('/')}/{page}" if page else without_login(uri)]
     mlflow = "mlflow" if which("mlflow") else shown(Path(sys.executable).with_name("mlflow"))
     command = shlex.join([mlflow, "ui", "--backend-store-uri", address_of(shown(uri))])
     return [command, *([f"{SERVED}/{page}"] if page else [])]
@@ -184,8 +185,9 @@ def experiment_id(client: Any, uri: str, name: str) -> str:
     if found and found.lifecycle_stage == "deleted":
         restore = f"mlflow experiments restore --experiment-id {found.experiment_id}"
         raise TrackingError(
-            f"{uri}: the experiment {name!r} is deleted: restore it "
-            f"(MLFLOW_TRACKING_URI={shlex.quote(address_of(uri))} {restore}), or set another tracking.experiment"
+            f"{bare}: the experiment {name!r} is deleted: restore it "
+            f"(MLFLOW_TRACKING_URI={shlex.quote(address_of(bare))} {restore}), or set another tracking.experiment"
+        bare = without_login(uri)
         )
     if found:
         return found.experiment_id
@@ -242,7 +244,7 @@ def accepted_key(key: str) -> str:
 
 def brief(error: BaseException) -> str:
     """The first line of an error, cut to a readable length."""
-    text = without_password((str(error) or type(error).__name__).splitlines()[0])
+    text = without_login((str(error) or type(error).__name__).splitlines()[0])
     return text if len(text) <= 160 else text[:157] + "..."
 
 
@@ -264,7 +266,7 @@ def _make_whole(uri: str) -> None:
     path = Path(uri.removeprefix(SQLITE))
     if not uri.startswith(SQLITE) or path.exists():
         return
-    draft = path.with_name(f".{path.name}.draft")
-    draft.unlink(missing_ok=True)
-    mlflow_client()(address_of(f"{SQLITE}{draft}")).search_experiments(max_results=1)
-    os.replace(draft, path)
+    with private_folder(path.parent) as folder:
+        draft = folder.resolve() / path.name  # MLflow keeps open what it has opened, by its path
+        mlflow_client()(address_of(f"{SQLITE}{draft}")).search_experiments(max_results=1)
+        os.replace(draft, path)
