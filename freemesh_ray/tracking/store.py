@@ -9,6 +9,7 @@ import posixpath
 import re
 import shlex
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,11 +18,11 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from envs.errors import FAILED, UserError
-from freemesh_ray.config.paths import shown
 from envs.printable import without_login
-from freemesh_ray.tracking.events import is_id
+from freemesh_ray.config.paths import shown
 from freemesh_ray.config.store_login import with_login
 from freemesh_ray.storage.atomic import private_folder
+from freemesh_ray.tracking.events import is_id
 
 log = logging.getLogger(__name__)
 
@@ -45,6 +46,8 @@ ARTIFACTS = ("mlartifacts", "mlruns")
 #: The store understood and refused: sending the same again is of no use.
 REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST"}
 SQLITE = "sqlite:///"
+#: How long another process is waited for that opens the same store, and may be making its tables.
+OPENING_SECONDS = 120.0
 #: Where `mlflow ui` serves a file.
 SERVED = "http://127.0.0.1:5000"
 
@@ -184,10 +187,10 @@ def experiment_id(client: Any, uri: str, name: str) -> str:
     found = client.get_experiment_by_name(name)
     if found and found.lifecycle_stage == "deleted":
         restore = f"mlflow experiments restore --experiment-id {found.experiment_id}"
+        bare = without_login(uri)
         raise TrackingError(
             f"{bare}: the experiment {name!r} is deleted: restore it "
             f"(MLFLOW_TRACKING_URI={shlex.quote(address_of(bare))} {restore}), or set another tracking.experiment"
-        bare = without_login(uri)
         )
     if found:
         return found.experiment_id
@@ -256,13 +259,34 @@ def _one_at_a_time(uri: str) -> Iterator[None]:
         return
     path = Path(uri.removeprefix(SQLITE))
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_name(f"{path.name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    lock = path.with_name(f"{path.name}.lock")
+    flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        descriptor = os.open(lock, flags, 0o666)
+    except OSError as error:
+        raise TrackingError(f"{lock}: is no file of its own ({error.strerror}): remove it") from error
+    try:
+        deadline = time.monotonic() + OPENING_SECONDS
+        while not _locked(descriptor):
+            if time.monotonic() >= deadline:
+                raise TrackingError(f"{lock}: another process holds it: end that, or give another store's uri")
+            time.sleep(0.05)
         yield
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether the lock could be had, or there are none in this file system."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _make_whole(uri: str) -> None:
-    """Make a new sqlite store under another name first: a kill while its tables are made would leave half a store."""
+    """Make a new sqlite store elsewhere first: a kill while its tables are made would leave half a store."""
     path = Path(uri.removeprefix(SQLITE))
     if not uri.startswith(SQLITE) or path.exists():
         return
