@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.errors import INTERRUPTED
+from envs.printable import without_login
 from freemesh_ray import config
 from freemesh_ray.cli import study, train
 from freemesh_ray.cli.arguments import Parser, add_command, whole
@@ -68,6 +69,11 @@ def run(options: argparse.Namespace) -> int:
     """
     command = options.line[1:] if options.line[:1] == ["--"] else options.line
     name, plug_ins = checked(command)
+    if any(without_login(word) != word for word in [*command, options.tracking or ""]):
+        raise RunError(
+            "submit: an address with a password would be in the job's line, for all to see: "
+            "set MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD on the cluster"
+        )
     if options.home:
         check_setting(options.home, FOLDER, "--home", "the home")
     url = server.address(options.address)

@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
     """
     from freemesh_ray import config
     from freemesh_ray.config.paths import Paths
+    from freemesh_ray.config.store_login import set_aside
     from freemesh_ray.studies.study_folder import StudyFolder
     from freemesh_ray.tracking import sync
 
@@ -44,6 +45,8 @@ def run(options: argparse.Namespace) -> int:
     folder = paths.home / options.folder
     if not folder.is_dir():
         raise UserError(f"{options.folder}: no such folder: give a run's folder, or one above many")
+    if options.uri is not None:
+        config.check(set_aside(options.uri), config.SCHEMA["tracking.uri"], "--uri", "the store")
     count = sync(
         folder,
         options.uri or settings["tracking"]["uri"],

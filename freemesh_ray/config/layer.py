@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Number
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from envs.printable import without_login
 from freemesh_ray.config.document import composed, document, plain
 from freemesh_ray.config.field import ConfigError
 from freemesh_ray.config.schema import SCHEMA, algorithm_name, sections
+from freemesh_ray.config.store_login import set_aside
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ def tree_layer(node: yaml.Node, name: str, line: int) -> Layer:
 def set_layer(text: str) -> Layer:
     """The settings of one ``key=value`` string, as an overlay."""
     key, equals, value = text.partition("=")
-    place = f"--set {text}"
+    place = f"--set {without_login(text)}"
     if not equals or not key.strip():
         raise ConfigError(f"{place}: is not key=value: write for example learner.gamma=0.95")
     return _unique(_entries(composed(value, place) or yaml.ScalarNode(_NULL, ""), key.strip(), place, line=None))
@@ -82,6 +84,8 @@ def _know(setting: str) -> None:
 _NULL = "tag:yaml.org,2002:null"
 #: The setting whose plug-ins bring settings of their own.
 ALGORITHM = "algorithm"
+#: The setting whose address may hold a password.
+STORE = "tracking.uri"
 
 
 def value_layer(values: Mapping[str, Any], place: str) -> Layer:
@@ -145,12 +149,13 @@ def _value(node: yaml.Node, key: str, place: str) -> Any:
 
 
 def _unique(entries: Iterator[Entry]) -> list[Entry]:
-    """The entries of one layer, each key once."""
+    """The entries of one layer, each key once, without the password of the tracking store."""
     found: dict[str, Entry] = {}
     for entry in entries:
         if entry.key in found:
             raise ConfigError(f"{entry.place}: {entry.key}: already set at {found[entry.key].place}: remove one")
-        found[entry.key] = entry
+        bare = entry.key == STORE and isinstance(entry.value, str)
+        found[entry.key] = replace(entry, value=set_aside(entry.value)) if bare else entry
     return list(found.values())
 
 

@@ -3,7 +3,8 @@
 FREEMESH_HOME         the folder that relative ``paths.runs``, ``paths.studies`` and ``sqlite:///file`` are below;
                       unset, it is the current folder, and ``~/freemesh`` in a job of a Ray cluster, whose current
                       folder is a copy that goes with it
-MLFLOW_TRACKING_URI   the tracking store where ``tracking.uri`` is null; unset, it is ``sqlite:///mlflow.db``
+MLFLOW_TRACKING_URI   the tracking store where ``tracking.uri`` is null; unset, it is ``sqlite:///mlflow.db``; a user
+                      and a password in it are for this process and those that it starts alone
 
 A FILE in ``sqlite:///FILE`` is its plain name: ``%20`` and ``?`` in it stand for themselves.
 """
@@ -19,6 +20,7 @@ from typing import Any, Self
 
 from freemesh_ray.config import SCHEMA, check
 from freemesh_ray.config.schema import FOLDER
+from freemesh_ray.config.store_login import set_aside
 
 HOME, STORE = "FREEMESH_HOME", "MLFLOW_TRACKING_URI"
 #: Ray sets it for the driver of a job, and for nothing else.
@@ -55,11 +57,15 @@ class Paths:
     def resolved(self, config: Mapping[str, Any]) -> dict[str, Any]:
         """The tree with a tracking store and absolute paths; resolving it again changes nothing.
 
+        The store's user and password are no part of it: this process remembers them (`store_login`).
+
         Raises:
             ConfigError: ``MLFLOW_TRACKING_URI`` is no store that can be tracked to.
         """
         tracking, paths = config["tracking"], config["paths"]
-        uri = tracking["uri"] or check(self.store, SCHEMA["tracking.uri"], STORE, "tracking.uri")
+        uri = set_aside(tracking["uri"] or "") or check(
+            set_aside(self.store), SCHEMA["tracking.uri"], STORE, "tracking.uri"
+        )
         if uri.startswith(SQLITE):
             uri = f"{SQLITE}{self.home / uri.removeprefix(SQLITE)}"
         return {

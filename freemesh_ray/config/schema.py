@@ -61,7 +61,8 @@ SCHEMA: dict[str, Field] = {
     "checkpoint.keep": Field(int, 1, 1000),
     "checkpoint.retries": Field(int, 0, 1000),
     "tracking.uri": Field(
-        str, pattern=r"sqlite:///(?!:memory:).+|https?://.+", hint="sqlite:///FILE or http://HOST:PORT", optional=True
+        str, pattern=r"sqlite:///(?!:memory:).+|https?://[^\s@]+", optional=True,
+        hint="sqlite:///FILE or http://HOST:PORT",
     ),
     "tracking.experiment": Field(str),
     "tracking.enabled": Field(bool),

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from typing import TextIO
 
 from envs.errors import FAILED
-from envs.printable import printable
+from envs.printable import printable, without_login
 
 #: Exit code of a process that SIGPIPE has ended.
 PIPE_CLOSED = 141
@@ -70,8 +70,8 @@ def note(text: str = "") -> None:
 
 
 def shown(text: str) -> str:
-    """Lines as they may be printed."""
-    return "\n".join(printable(line) for line in text.split("\n"))
+    """Lines as they may be printed, without the passwords of addresses."""
+    return "\n".join(printable(without_login(line)) for line in text.split("\n"))
 
 
 def write(stream: TextIO, text: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 import subprocess
 import sys
 from io import BytesIO
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from freemesh_ray.records.study_records import RecordsError, StudyRecords
 from freemesh_ray.storage.atomic import replacing
+from freemesh_ray.storage.regular_file import opened
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -89,10 +89,10 @@ def unpacked(content: bytes) -> StudyRecords:
 
 def _content(path: Path) -> bytes:
     try:
-        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise RecordsError(f"{path}: is no regular file: give the records.parquet that a report wrote")
+        with opened(path) as file:
             content = file.read(MOST_BYTES + 1)
+    except ValueError as error:
+        raise RecordsError(f"{path}: is {error}: give the records.parquet that a report wrote") from error
     except OSError as error:
         raise RecordsError(f"{path}: cannot be read ({error.strerror}): check the path") from error
     if len(content) > MOST_BYTES:

@@ -10,6 +10,7 @@ from io import BytesIO
 import numpy as np
 from numpy.lib import format as npy
 
+from freemesh_ray.storage import regular_file
 from freemesh_ray.storage.zip_archive import DAMAGES, opened
 
 #: Bytes of an archive at most, packed and unpacked.
@@ -32,16 +33,17 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     Raises:
         ValueError: it is no archive, damaged, too large when unpacked, or holds something else than numbers and texts.
     """
-    if os.path.getsize(path) > MOST_BYTES:
-        raise ValueError(f"larger than {MOST_BYTES:,} bytes")
-    try:
-        with open(path, "rb") as file, opened(file, MOST_BYTES) as archive:
-            members = archive.infolist()
-            if len(members) > MOST_ARRAYS:
-                raise ValueError(f"more than {MOST_ARRAYS:,} arrays")
-            return {member.filename.removesuffix(".npy"): array_in(archive.read(member)) for member in members}
-    except DAMAGES as error:
-        raise ValueError(f"no sound archive: {error}") from error
+    with regular_file.opened(path) as file:
+        if os.fstat(file.fileno()).st_size > MOST_BYTES:
+            raise ValueError(f"larger than {MOST_BYTES:,} bytes")
+        try:
+            with opened(file, MOST_BYTES) as archive:
+                members = archive.infolist()
+                if len(members) > MOST_ARRAYS:
+                    raise ValueError(f"more than {MOST_ARRAYS:,} arrays")
+                return {member.filename.removesuffix(".npy"): array_in(archive.read(member)) for member in members}
+        except DAMAGES as error:
+            raise ValueError(f"no sound archive: {error}") from error
 
 
 def array_in(content: bytes) -> np.ndarray:

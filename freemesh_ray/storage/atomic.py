@@ -6,6 +6,7 @@ import errno
 import os
 import shlex
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -62,8 +63,12 @@ def private_folder(beside: Path) -> Iterator[Path]:
 
 
 def refusing_links(path: str, flags: int) -> int:
-    """An ``opener`` for files that are written to in place: a symbolic link at ``path`` is an OSError."""
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+    """An ``opener`` for files that are written to in place: a link, a pipe or a device at ``path`` is an OSError."""
+    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "no regular file", path)
+    return descriptor
 
 
 def check_writable(path: Path, *, parents: bool = False) -> None:

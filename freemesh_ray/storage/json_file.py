@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
-import stat
 from pathlib import Path
 from typing import Any
+
+from freemesh_ray.storage.regular_file import opened
 
 #: Bytes of a file at most, and values in it.
 MOST_BYTES, MOST_VALUES = 20_000_000, 1_000_000
@@ -19,9 +19,7 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
         ValueError: it is something else, as a pipe, or longer.
         OSError: it cannot be read.
     """
-    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise ValueError("no regular file")
+    with opened(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
         raise ValueError(f"more than {most:,} bytes")

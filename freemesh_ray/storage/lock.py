@@ -119,5 +119,5 @@ def _holder(descriptor: int) -> str:
     try:
         told = json.loads(os.pread(descriptor, 10_000, 0))
         return f"process {told['pid']} on {told['host']} has worked here since {told['since']}"
-    except (ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError):
         return "another process works here"

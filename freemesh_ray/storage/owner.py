@@ -1,8 +1,9 @@
 """Who a piece of work belongs to: a user, a machine, and a process since the machine's last start.
 
 A host name does for none of them: machines share names, users share machines, and process ids are given again. So the
-machine is its id and its name, a start of it is its boot id, and a process is its id, its namespace and its start. The
-ids of a machine and of its start are confidential (machine-id(5)); only digests of them are kept.
+machine is its id and its name, a start of it is its boot id, and a process is its id, its namespace and its start. A
+machine without an id is not known again when it was started anew. The ids of a machine and of its start are
+confidential (machine-id(5)); only digests of them are kept.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Owner:
 
     Attributes:
         user: digest of the user's id and name.
-        machine: digest of the machine's id and host name.
+        machine: digest of the machine's id, if it has one, and host name.
         boot: digest of the boot id; empty where the system tells none.
         process: namespace, id and start (clock ticks since the machine's) of the process, with colons between.
     """
@@ -47,11 +48,10 @@ class Owner:
             name = pwd.getpwuid(uid).pw_name
         except KeyError:  # a container's user need not be listed
             name = ""
-        machine = next((found for path in MACHINE if (found := _text(path))), "")
         boot = _text(BOOT)
         return cls(
             user=_digest(f"user {uid} {name}"),
-            machine=_digest(f"machine {machine} {platform.node()}"),
+            machine=_digest(f"machine {_machine_id()} {platform.node()}"),
             boot=_digest(f"boot {boot}") if boot else "",
             process=f"{_namespace()}:{os.getpid()}:{_start(os.getpid())}",
         )
@@ -85,10 +85,12 @@ class Owner:
             here: this process.
             at: when it was last at work, in seconds since the epoch. A machine that has the name and id of this one,
                 as a clone does, is another if it was at work since this one was started.
+
+        Returns:
+            False for every process where this machine has no id: others may have its name.
         """
-        return (
-            self.machine == here.machine and bool(self.boot and here.boot) and self.boot != here.boot and at < _booted()
-        )
+        known = self.machine == here.machine and _machine_id() != "" and bool(self.boot and here.boot)
+        return known and self.boot != here.boot and at < _booted()
 
     def is_gone(self, here: Owner, at: float) -> bool:
         """Whether this process knows that one to have ended; see `ended_with_machine`."""
@@ -105,6 +107,11 @@ def _text(path: Path) -> str:
             return file.read(1000).decode(errors="replace").strip()
     except OSError:
         return ""
+
+
+def _machine_id() -> str:
+    """This machine's, of 32 hexadecimal digits; empty where it has none, as many containers."""
+    return next((found for path in MACHINE if re.fullmatch(r"[0-9a-f]{32}", found := _text(path))), "")
 
 
 def _digest(text: str) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from freemesh_ray.storage import free_memory
+from freemesh_ray.storage import free_memory, regular_file
 from freemesh_ray.storage.array_archive import KINDS, array_in
 from freemesh_ray.storage.zip_archive import DAMAGES, opened
 
@@ -65,7 +65,10 @@ def load(path: Path) -> Any:
         MemoryShortError: memory has no room for what it holds.
         OSError: it cannot be read.
     """
-    file = open(path, "rb")  # noqa: SIM115  what goes wrong here is no damage
+    try:
+        file = regular_file.opened(path)
+    except ValueError as error:
+        raise StateFileError(f"{path}: is {error}") from error
     try:
         with file, opened(file, os.fstat(file.fileno()).st_size) as archive:
             members = archive.infolist()

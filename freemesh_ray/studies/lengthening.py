@@ -13,6 +13,7 @@ from pathlib import Path
 
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import read_json
+from freemesh_ray.storage.regular_file import copied
 from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import lineage
 from freemesh_ray.training import checkpoint
@@ -46,7 +47,7 @@ def take_over(folder: RunFolder) -> bool:
                 continue
             for kept, own in ((other.evaluations, folder.evaluations), (other.policy, folder.policy)):
                 with replacing(own) as draft:
-                    shutil.copyfile(kept, draft)
+                    copied(kept, draft)
             checkpoint.adopt(newest, folder.checkpoints)
             return True
     return False

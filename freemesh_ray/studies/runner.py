@@ -19,7 +19,7 @@ from typing import Any
 
 from ray import tune
 
-from freemesh_ray.config import flatten
+from freemesh_ray.config import flatten, store_login
 from freemesh_ray.records.study_records import Training
 from freemesh_ray.storage.lock import held, holder
 from freemesh_ray.studies import progress, search
@@ -142,7 +142,8 @@ def run(
             records = merged(records, folder.read(), folder.changed_source())
             folder.write(records)
             note(opening(study, folder, records))
-            trainable = partial(tune.with_parameters, TrialTrainable, make=make, callbacks=callbacks, study=study.name)
+            given = {"make": make, "callbacks": callbacks, "study": study.name, "logins": store_login.known()}
+            trainable = partial(tune.with_parameters, TrialTrainable, **given)
             of_all = Phase(plan, folder.tune, study.trainings(), partial(of_search, study))
             train(study, folder, of_all, trainable, parent, note)
             if study.search and study.search.confirm:

@@ -162,7 +162,8 @@ class SeedTraining:
         path.mkdir(parents=True, exist_ok=True)
         training = self._training
         if training is None:
-            (path / FINISHED).touch()
+            with replacing(path / FINISHED) as draft:
+                draft.touch()
             return
         checkpoint.write(training.algorithm, vars(training.progress).copy(), path)
         if self._lengthened:

@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ray import tune
@@ -13,6 +14,7 @@ from ray import tune
 from envs.errors import UserError
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.device import cluster_gpus, gpus_per_learner
+from freemesh_ray.config import store_login
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.studies.seed_training import SeedTraining
 from freemesh_ray.training.callback import Callback
@@ -133,6 +135,7 @@ class TrialTrainable(TrainingTrainable):
         plan: Plan | None = None,
         study: str = "",
         parent: str | None = None,
+        logins: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Begin a trial.
 
@@ -141,8 +144,10 @@ class TrialTrainable(TrainingTrainable):
             plan: from the configuration to the trial.
             study: its name, for the tracking store.
             parent: id of the study's run there.
+            logins: users and passwords of stores, which the configuration does not have.
         """
         assert plan is not None, "Tune gives it"
+        store_login.remember(logins)
         self._plan, self._study, self._parent = plan, study, parent
         super().setup(config, make, callbacks)
 

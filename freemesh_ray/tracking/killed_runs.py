@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from envs.printable import without_login
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking.events import is_id
 from freemesh_ray.tracking.journal import Journal
 from freemesh_ray.tracking.search import found
-from freemesh_ray.tracking.store import absolute, brief, connect, experiment_id, without_password
+from freemesh_ray.tracking.store import absolute, brief, connect, experiment_id
 from freemesh_ray.tracking.uploader import Uploader
 
 log = logging.getLogger(__name__)
@@ -61,7 +62,7 @@ def _settle(path: Path, root: Path, uri: str, experiment: str, run_id: str, unti
         return  # at work
     try:
         state = journal.state
-        target = (without_password(absolute(uri)), experiment, run_id)
+        target = (without_login(absolute(uri)), experiment, run_id)
         if (state.uri, state.experiment, state.run_id) == target and journal.size <= BYTES and journal.is_over():
             Uploader(journal, uri, experiment).settle(until)
     finally:

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
+from envs.printable import without_login
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.tracking.events import Event, new_event
 from freemesh_ray.tracking.journal import Journal, State, latest
@@ -28,7 +29,6 @@ from freemesh_ray.tracking.store import (
     brief,
     failure,
     mlflow_client,
-    without_password,
 )
 from freemesh_ray.tracking.summary import Summary, record
 from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
@@ -42,10 +42,9 @@ BATCH_SECONDS, RETRY_SECONDS = 1.0, 60.0
 #: How long `MLflowRun.close` waits at most for the last delivery; it returns at once when the store is away.
 FLUSH_SECONDS = 15.0
 #: The same for a run that was interrupted: schedulers kill it after ten.
-KILLED_SECONDS = 3.0
+INTERRUPTED_SECONDS = 3.0
 #: How long a start takes at most for the runs that were killed before it.
-KILLED_SECONDS = 10.0
-
+KILLED_RUNS_SECONDS = 10.0
 
 #: MLflow's comparison of runs opens on the metric that came first: not to be a constant, or a time, of the training
 #: loop, those of these names wait for the first evaluation.
@@ -107,8 +106,8 @@ class MLflowRun:
             if journal:
                 journal.own()
             else:
-                journal = Journal.new(Path(folder), State(without_password(absolute(uri)), experiment))
-            texts = {key: str(value)[:VALUE_LENGTH] for key, value in (params or {}).items()}
+                journal = Journal.new(Path(folder), State(without_login(absolute(uri)), experiment))
+            texts = {key: without_login(str(value))[:VALUE_LENGTH] for key, value in (params or {}).items()}
             own = {"freemesh.host": platform.node(), "freemesh.journal": str(journal.path)}
             where = provenance()
             everything = {**(tags or {}), **where, **commit(where), **own}
@@ -219,7 +218,7 @@ class MLflowRun:
             self._release()
             self._record(new_event("end", status=status))
         self._closing.set()
-        patience = min(self._flush_seconds, KILLED_SECONDS) if status == "KILLED" else self._flush_seconds
+        patience = min(self._flush_seconds, INTERRUPTED_SECONDS) if status == "KILLED" else self._flush_seconds
         deadline = time.monotonic() + patience
         self._thread.join(patience)
         if self._thread.is_alive():
@@ -292,7 +291,7 @@ class MLflowRun:
         """The other thread: what may take its time does not delay what this run records."""
         uri, experiment = self._place
         with _harmless("killed runs were not looked for"):
-            fail_killed_runs(uri, experiment, str(self.id), self._folders, time.monotonic() + KILLED_SECONDS)
+            fail_killed_runs(uri, experiment, str(self.id), self._folders, time.monotonic() + KILLED_RUNS_SECONDS)
 
 
 @contextmanager

@@ -10,12 +10,13 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
+from envs.printable import without_login
 from freemesh_ray.storage import own_file
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking.events import Event
 from freemesh_ray.tracking.journal import ARTIFACT_BYTES, State, entries, journals, shared
-from freemesh_ray.tracking.store import absolute, brief, without_password
+from freemesh_ray.tracking.store import absolute, brief
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +58,7 @@ def share(
     if place.exists():
         return place.stem
     own = {"freemesh.journal": str(place), "freemesh.shared_from": original.stem}
-    state = State(without_password(absolute(uri)), experiment, owner=Owner.here().told())
+    state = State(without_login(absolute(uri)), experiment, owner=Owner.here().told())
     try:
         with replacing(place.with_suffix(".json")) as draft:
             draft.write_text(json.dumps(asdict(state)), encoding="utf-8")

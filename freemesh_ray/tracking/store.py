@@ -9,6 +9,7 @@ import posixpath
 import re
 import shlex
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +18,10 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from envs.errors import FAILED, UserError
+from envs.printable import without_login
 from freemesh_ray.config.paths import shown
+from freemesh_ray.config.store_login import with_login
+from freemesh_ray.storage.atomic import private_folder
 from freemesh_ray.tracking.events import is_id
 
 log = logging.getLogger(__name__)
@@ -42,6 +46,8 @@ ARTIFACTS = ("mlartifacts", "mlruns")
 #: The store understood and refused: sending the same again is of no use.
 REFUSED = {"INVALID_PARAMETER_VALUE", "BAD_REQUEST", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST"}
 SQLITE = "sqlite:///"
+#: How long another process is waited for that opens the same store, and may be making its tables.
+OPENING_SECONDS = 120.0
 #: Where `mlflow ui` serves a file.
 SERVED = "http://127.0.0.1:5000"
 
@@ -73,7 +79,7 @@ def failure(uri: str, error: BaseException) -> TrackingError:
     refused = getattr(error, "error_code", None) in REFUSED
     what = "refuses" if refused else "cannot be reached"
     fix = next((fix for sign, fix in FIXES.items() if sign in str(error)), None)
-    return TrackingError(f"{without_password(uri)}: {what} ({brief(error)}): {fix or FIXES[what]}")
+    return TrackingError(f"{without_login(uri)}: {what} ({brief(error)}): {fix or FIXES[what]}")
 
 
 def mlflow_client() -> Any:
@@ -89,10 +95,12 @@ def mlflow_client() -> Any:
 
 
 def connect(uri: str) -> Any:
-    """A client of the store at ``uri``; a sqlite store is made when there is none."""
+    """A client of the store at ``uri``, with the login that this process knows for it; a sqlite store is made when
+    there is none.
+    """
     with _one_at_a_time(uri):
         _make_whole(uri)
-        address = address_of(uri)
+        address = with_login(address_of(uri))
         return mlflow_client()(address, address)
 
 
@@ -100,11 +108,6 @@ def absolute(uri: str) -> str:
     """The same store whatever the working directory: the path of a sqlite store made absolute."""
     path = uri.removeprefix(SQLITE)
     return uri if path == uri or path.startswith(":") else f"{SQLITE}{Path(path).absolute()}"
-
-
-def without_password(uri: str) -> str:
-    """A store's address as it may be shown and kept."""
-    return re.sub(r"(https?://)[^/?#]*@", r"\1", uri)
 
 
 def takes_artifacts(uri: str, place: str) -> bool:
@@ -116,11 +119,12 @@ def takes_artifacts(uri: str, place: str) -> bool:
     """
     target = urlsplit(place)
     if not uri.startswith(SQLITE):
-        here = urlsplit(without_password(uri))
+        here = urlsplit(uri)
+        address = here.netloc.rpartition("@")[2]
         if target.scheme == "mlflow-artifacts":
-            return target.netloc in ("", here.netloc)
+            return target.netloc in ("", address)
         served = f"{here.path.rstrip('/')}/api/2.0/mlflow-artifacts/artifacts/"
-        return (target.scheme, target.netloc) == (here.scheme, here.netloc) and target.path.startswith(served)
+        return (target.scheme, target.netloc) == (here.scheme, address) and target.path.startswith(served)
     if target.scheme not in ("", "file") or target.netloc or "\0" in place:
         return False
     home = Path(uri.removeprefix(SQLITE)).parent
@@ -140,7 +144,7 @@ def artifacts_of(client: Any, uri: str, place: str) -> Any:
         moved = uri.startswith(SQLITE)
         fix = "where it was moved" if moved else "let the server take them itself (--serve-artifacts) and"
         raise ElsewhereError(
-            f"{without_password(uri)}: wants files sent to {place[:80]!a}, which is another place: "
+            f"{without_login(uri)}: wants files sent to {place[:80]!a}, which is another place: "
             f"{fix} set another tracking.experiment"
         )
     return get_artifact_repository(place, tracking_uri=client.tracking_uri)
@@ -168,7 +172,7 @@ def browsing(uri: str, page: str | None = None) -> list[str]:
         The address of the page; of a file that no server serves the command, and the address that is then the page's.
     """
     if not uri.startswith(SQLITE):
-        return [f"{without_password(uri).rstrip('/')}/{page}" if page else without_password(uri)]
+        return [f"{without_login(uri).rstrip('/')}/{page}" if page else without_login(uri)]
     mlflow = "mlflow" if which("mlflow") else shown(Path(sys.executable).with_name("mlflow"))
     command = shlex.join([mlflow, "ui", "--backend-store-uri", address_of(shown(uri))])
     return [command, *([f"{SERVED}/{page}"] if page else [])]
@@ -183,9 +187,10 @@ def experiment_id(client: Any, uri: str, name: str) -> str:
     found = client.get_experiment_by_name(name)
     if found and found.lifecycle_stage == "deleted":
         restore = f"mlflow experiments restore --experiment-id {found.experiment_id}"
+        bare = without_login(uri)
         raise TrackingError(
-            f"{uri}: the experiment {name!r} is deleted: restore it "
-            f"(MLFLOW_TRACKING_URI={shlex.quote(address_of(uri))} {restore}), or set another tracking.experiment"
+            f"{bare}: the experiment {name!r} is deleted: restore it "
+            f"(MLFLOW_TRACKING_URI={shlex.quote(address_of(bare))} {restore}), or set another tracking.experiment"
         )
     if found:
         return found.experiment_id
@@ -242,7 +247,7 @@ def accepted_key(key: str) -> str:
 
 def brief(error: BaseException) -> str:
     """The first line of an error, cut to a readable length."""
-    text = without_password((str(error) or type(error).__name__).splitlines()[0])
+    text = without_login((str(error) or type(error).__name__).splitlines()[0])
     return text if len(text) <= 160 else text[:157] + "..."
 
 
@@ -254,17 +259,38 @@ def _one_at_a_time(uri: str) -> Iterator[None]:
         return
     path = Path(uri.removeprefix(SQLITE))
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_name(f"{path.name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    lock = path.with_name(f"{path.name}.lock")
+    flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        descriptor = os.open(lock, flags, 0o666)
+    except OSError as error:
+        raise TrackingError(f"{lock}: is no file of its own ({error.strerror}): remove it") from error
+    try:
+        deadline = time.monotonic() + OPENING_SECONDS
+        while not _locked(descriptor):
+            if time.monotonic() >= deadline:
+                raise TrackingError(f"{lock}: another process holds it: end that, or give another store's uri")
+            time.sleep(0.05)
         yield
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether the lock could be had, or there are none in this file system."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _make_whole(uri: str) -> None:
-    """Make a new sqlite store under another name first: a kill while its tables are made would leave half a store."""
+    """Make a new sqlite store elsewhere first: a kill while its tables are made would leave half a store."""
     path = Path(uri.removeprefix(SQLITE))
     if not uri.startswith(SQLITE) or path.exists():
         return
-    draft = path.with_name(f".{path.name}.draft")
-    draft.unlink(missing_ok=True)
-    mlflow_client()(address_of(f"{SQLITE}{draft}")).search_experiments(max_results=1)
-    os.replace(draft, path)
+    with private_folder(path.parent) as folder:
+        draft = folder.resolve() / path.name  # MLflow keeps open what it has opened, by its path
+        mlflow_client()(address_of(f"{SQLITE}{draft}")).search_experiments(max_results=1)
+        os.replace(draft, path)

@@ -7,9 +7,10 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from envs.printable import without_login
 from freemesh_ray.tracking.events import LAST, new_event
 from freemesh_ray.tracking.journal import Journal, latest
-from freemesh_ray.tracking.store import absolute, brief, failure, mlflow_client, without_password
+from freemesh_ray.tracking.store import absolute, brief, failure, mlflow_client
 from freemesh_ray.tracking.summary import Summary, record
 from freemesh_ray.tracking.uploader import Uploader
 
@@ -66,7 +67,7 @@ def _append(journal: Journal, summary: Summary, artifacts: Sequence[Path], below
 def _delivered(journal: Journal, uri: str, experiment: str) -> str | None:
     """Deliver a journal; its page."""
     mlflow_client()
-    state, target = journal.state, (without_password(absolute(uri)), experiment)
+    state, target = journal.state, (without_login(absolute(uri)), experiment)
     command = shlex.join(["freemesh", "sync", str(journal.folder), "--uri", state.uri])
     if (state.uri, state.experiment) != target:
         log.warning("tracking: %s was tracked to another store: `%s` delivers it there", journal.folder, command)

@@ -7,10 +7,11 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from envs.printable import without_login
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking.journal import Journal
 from freemesh_ray.tracking.search import found
-from freemesh_ray.tracking.store import TrackingError, absolute, failure, mlflow_client, without_password
+from freemesh_ray.tracking.store import TrackingError, absolute, failure, mlflow_client
 from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
 
 log = logging.getLogger(__name__)
@@ -115,7 +116,7 @@ def _settle(path: Path, root: Path, uri: str, elsewhere: bool) -> int:
             raise LeftError(f"{path}: was recorded by another user, who alone may deliver it")
         if not journal.is_over():
             raise LeftError(f"{path}: belongs to a run on another machine, which may be at work: deliver it there")
-        target, there = without_password(absolute(uri)), journal.state.uri
+        target, there = without_login(absolute(uri)), journal.state.uri
         if target != there and not elsewhere:
             if journal.state.sent >= journal.size:
                 return 0

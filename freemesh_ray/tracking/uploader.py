@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from envs.printable import without_login
+from freemesh_ray.config.document import MOST_BYTES
 from freemesh_ray.policies.policy import PolicyError
 from freemesh_ray.storage import own_file
 from freemesh_ray.storage.owner import Owner
@@ -30,7 +32,6 @@ from freemesh_ray.tracking.store import (
     is_recorded_by,
     run_of,
     unless_refused,
-    without_password,
 )
 from freemesh_ray.tracking.summary import COLOUR, IS_COLOUR
 
@@ -63,7 +64,7 @@ class Uploader:
         """
         self.journal, self.uri = journal, absolute(uri)
         state = journal.state
-        target = without_password(self.uri), experiment or state.experiment
+        target = without_login(self.uri), experiment or state.experiment
         if (state.uri, state.experiment) != target:
             journal.state = State(*target, owner=state.owner)
         self._user = Owner.here().user
@@ -204,7 +205,8 @@ class Uploader:
         self._repeated = dict(self._reached)
         client.update_run(state.run_id, "RUNNING")
         told = {key: value for key, value in event["tags"].items() if _may_be_told(key, value)}
-        self._describe(event["params"], told | self._own_tags() | above)
+        params = {key: without_login(value) for key, value in event["params"].items()}  # earlier versions kept them
+        self._describe(params, told | self._own_tags() | above)
         if state.page is None:
             state.page = charts.run_page(self._experiment(), str(state.run_id))
 
@@ -283,6 +285,7 @@ class Uploader:
             copy = Path(place) / path.name
             try:  # what was checked is sent, whatever becomes of the file meanwhile
                 own_file.copy(self.journal.folder, path, copy, ARTIFACT_BYTES)
+                _strip(copy)
             except (OSError, ValueError) as error:
                 log.warning("tracking: %s was not uploaded (%s)", ascii(str(path))[1:-1], brief(error))
                 return
@@ -332,6 +335,13 @@ def fitted(text: str, room: int) -> str:
 def _may_be_told(key: str, value: str) -> bool:
     """Whether a journal's tag goes to the store: of those that mean something to MLflow, two."""
     return key == COMMIT or not key.startswith("mlflow.") or (key == COLOUR and IS_COLOUR.fullmatch(value) is not None)
+
+
+def _strip(draft: Path) -> None:
+    """Take passwords out of a copy of settings: earlier versions wrote them down."""
+    if draft.suffix == ".yaml" and draft.stat().st_size <= MOST_BYTES:
+        text = draft.read_bytes().decode(errors="surrogateescape")
+        draft.write_bytes(without_login(text).encode(errors="surrogateescape"))
 
 
 def _size(path: Path) -> int:

@@ -17,6 +17,7 @@ from envs.errors import UserError
 from freemesh_ray.storage import state_file
 from freemesh_ray.storage.atomic import OutputError, replacing
 from freemesh_ray.storage.json_file import read_json
+from freemesh_ray.storage.regular_file import copied
 
 PROGRESS = "progress.json"
 STATE = "state.npz"
@@ -96,7 +97,7 @@ def _link(source: Path, path: Path) -> None:
         os.link(source, path)
     except OSError:
         with replacing(path) as draft:
-            shutil.copyfile(source, draft)
+            copied(source, draft)
 
 
 def write(algorithm: Checkpointed, progress: dict[str, Any], path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import sys
 import time
 from collections.abc import Iterator
@@ -119,3 +120,21 @@ def test_a_signal_is_obeyed_while_ray_starts(tmp_path: Path, places: dict[str, s
         assert command.ended(PATIENCE) == 130
         print(f"{time.monotonic() - began:.1f} s")
         assert command.output.splitlines()[-1] == "freemesh: interrupted"
+
+
+def test_a_signal_is_obeyed_though_the_tracking_server_takes_connections_and_never_answers(
+    tmp_path: Path, places: dict[str, str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        store = f"tracking.uri=http://127.0.0.1:{silent.getsockname()[1]}"
+        long = ["budget.env_steps=1e9", "budget.minutes=null", "evaluation.interval=1e9"]
+        sets = [f"--set={each}" for each in (store, f"paths.runs={tmp_path}", "runners.count=0", *long)]
+        arguments = ["-m", "freemesh_ray", "train", "--config", "train_smoke.yaml", *sets]
+        with running(arguments, tmp_path, places) as command:
+            command.until(lambda: "step " in command.output, 300, "trains")
+            began = time.monotonic()
+            command.process.terminate()
+            assert command.ended(PATIENCE) == 130
+            print(f"{time.monotonic() - began:.1f} s")
+            assert "not all is delivered yet" in command.output
+            assert told(command)[-1] == "freemesh: interrupted"

@@ -43,7 +43,7 @@ def test_another_process_of_this_user_is_known_and_known_to_have_ended() -> None
 @pytest.mark.parametrize("changed", ["user", "user's name", "machine", "name of the machine", "boot"])
 def test_whatever_differs_makes_another_owner(changed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     here = Owner.here()
-    (tmp_path / "id").write_text("another\n")
+    (tmp_path / "id").write_text("f" * 32 + "\n")
     match changed:
         case "user":
             monkeypatch.setattr(os, "geteuid", lambda: 4321)
@@ -74,6 +74,31 @@ def test_where_the_system_tells_nothing_no_process_is_held_for_gone(
     for other in (here, replace(here, process=":4194305:"), replace(here, boot="2" * 16)):
         assert Owner.parsed(other.told()) == other
         assert not other.is_gone(here, 0.0)
+
+
+@pytest.mark.parametrize("text", [None, "", "uninitialized\n", "f" * 31, "F" * 32])
+def test_a_machine_without_an_id_is_not_known_again(
+    text: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Containers and virtual machines of one image share their name; what one runs is not over for the other."""
+    monkeypatch.setattr(owner, "_booted", lambda: 1000.0)
+    monkeypatch.setattr(owner, "BOOT", tmp_path / "boot")
+    monkeypatch.setattr(owner, "MACHINE", (tmp_path / "none", tmp_path / "id"))
+    (tmp_path / "boot").write_text("2" * 32)
+    (tmp_path / "id").write_text("f" * 32)
+    here = Owner.here()
+    before = replace(here, boot="1" * 16)
+    assert before.ended_with_machine(here, 999.0)
+    assert before.is_gone(here, 999.0)
+    assert not before.ended_with_machine(here, 1001.0)
+    (tmp_path / "id").unlink()
+    if text is not None:
+        (tmp_path / "id").write_text(text)
+    here = Owner.here()
+    before = replace(here, boot="1" * 16)
+    assert not before.ended_with_machine(here, 999.0)
+    assert not before.is_gone(here, 999.0)
+    assert here.same_boot(Owner.here())
 
 
 def test_ids_of_the_machine_are_not_given_away() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import threading
@@ -16,6 +17,11 @@ from urllib.parse import parse_qs, unquote, urlsplit
 #: MLflow's errors.
 ABSENT = (404, {"error_code": "RESOURCE_DOES_NOT_EXIST", "message": "there is none"})
 REFUSED = (400, {"error_code": "INVALID_PARAMETER_VALUE", "message": "not here"})
+
+
+def basic(login: str) -> str:
+    """What an ``Authorization`` header says of ``user:password``."""
+    return f"Basic {base64.b64encode(login.encode()).decode()}"
 
 
 @dataclass
@@ -117,6 +123,7 @@ class FakeStore(Recorder):
         place: of a new run's artifacts, from its id.
         redirect: the address that a request is sent on to; None: it is answered.
         filters: whether a search keeps to what it is asked for.
+        login: ``user:password`` of those that it answers; None: all.
     """
 
     def __init__(self) -> None:
@@ -126,6 +133,7 @@ class FakeStore(Recorder):
         self.place: Callable[[str], str] = lambda run_id: f"mlflow-artifacts:/1/{run_id}/artifacts"
         self.redirect: Callable[[Request], str | None] = lambda request: None
         self.filters = True
+        self.login: str | None = None
 
     def add(self, run_id: str | None = None, tags: dict[str, str] | None = None, started: int = 0) -> StoredRun:
         """One more run, RUNNING."""
@@ -135,6 +143,8 @@ class FakeStore(Recorder):
 
     def answer(self, request: Request) -> tuple[int, Any, dict[str, str]]:
         """As MLflow would."""
+        if self.login and f"Authorization: {basic(self.login)}" not in request.headers:
+            return 401, {"error_code": "UNAUTHENTICATED", "message": "who are you"}, {}
         if target := self.redirect(request):
             return 307, None, {"Location": target + request.path}
         parts = urlsplit(request.path)

@@ -103,6 +103,8 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", USER)
     monkeypatch.setenv("MLFLOW_TRACKING_PASSWORD", PASSWORD)
     monkeypatch.setenv("MLFLOW_ALLOW_HTTP_REDIRECTS", "true")
+    (tmp_path / "machine-id").write_text("f" * 32)  # a container may have none
+    monkeypatch.setattr(owner_module, "MACHINE", (tmp_path / "machine-id",))
     world = World(tmp_path, FakeStore(), Recorder())
     for name in ("runs", "studies", "outside"):
         (tmp_path / name).mkdir()

@@ -367,6 +367,18 @@ def test_recording_is_fast_and_closing_keeps_to_its_limit_when_the_store_hangs(t
     assert [event["kind"] for event in events] == ["start"] + ["metrics"] * 1000 + ["end"]
 
 
+@pytest.mark.parametrize(("error", "longest"), [(KeyboardInterrupt, 3.0), (ValueError, 15.0)])
+def test_who_is_interrupted_does_not_wait_for_a_store_that_hangs(
+    error: type[BaseException], longest: float, tmp_path: Path, silent_server: str, monkeypatch: pytest.MonkeyPatch
+):
+    """A scheduler kills it after ten seconds; what it waits for is added up here, and not waited for."""
+    waited: list[float] = []
+    with pytest.raises(error), started(tmp_path / "run", silent_server) as run:  # noqa: PT012
+        monkeypatch.setattr(run._thread, "join", waited.append)
+        raise error
+    assert 0 < sum(waited) <= longest
+
+
 def test_a_store_that_comes_back_gets_everything(tmp_path: Path, uri: str, monkeypatch: pytest.MonkeyPatch):
     real, away = store.mlflow_client, threading.Event()
     away.set()
