@@ -11,8 +11,8 @@ FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 class UserError(Exception):
-    """Something that a user can mend; the message is one line that names the place and the fix. What
-    it quotes of files and command lines cannot break it, nor tell the terminal anything; it holds no address's password.
+    """Something that a user can mend; the message is one line that names the place and the fix. What it quotes of files
+    and command lines cannot break it, nor tell the terminal anything; it holds no address's password.
 
     Attributes:
         exit_code: what a command ends with: ``BAD_INPUT``, or ``FAILED`` for work that failed.

@@ -3,8 +3,8 @@
     h(x) = min(h_max, min_i (h_i + g |x - x_i|))
 
 The sources x_i are the given points of the boundary and of lines, h_i is the mean length of the segments that meet
-there, h_max the largest h_i, and g bounds how fast h changes (``size_gradient``). So h is the boundary's own size near it, grows
-inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary. What a user
+there, h_max the largest h_i, and g bounds how fast h changes (``size_gradient``). So h is the boundary's own size near
+it, grows inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary. What a user
 says (`WantedSizes`) is another h_max, or more sources: where the boundary's segments are larger than these, h falls
 towards them no faster than g, so that it is the boundary's own at the boundary.
 

@@ -13,7 +13,7 @@ from envs.types import RELATIVE_TOLERANCE, Floats
 
 
 def close_sizes(faces: Sequence[Face], edge_length: float) -> Floats:
-    """(m, 3) float64: x, y and the distance to what is nearest, of places and of lines' tips closer than an edge length.
+    """(m, 3) float64: x, y and the distance to what is nearest, of places and tips of lines closer than an edge length.
 
     Args:
         faces: see `faces.divided`.

@@ -1,4 +1,4 @@
-"""Rings and lines as one drawing of edges that meet at their ends alone.
+r"""Rings and lines as one drawing of edges that meet at their ends alone.
 
 ::
 
@@ -102,7 +102,7 @@ def _distinct(given: Floats, kept: int, tolerance: float) -> tuple[Ints, Floats]
 def _noded(
     points: Floats, chains: list[Ints], rings: int, places: Ints, tolerance: float, source: str
 ) -> tuple[Floats, list[Ints]]:
-    """Points and chains with a vertex wherever a line or a place meets a chain; the first ``rings`` chains are rings."""
+    """Points and chains with a vertex wherever a line or a place meets a chain; the first ``rings`` are rings."""
     for _ in range(ROUNDS):
         owner = np.repeat(np.arange(len(chains)), [len(chain) - 1 for chain in chains])
         ends = np.concatenate([np.stack([chain[:-1], chain[1:]], axis=1) for chain in chains])

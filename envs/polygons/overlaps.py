@@ -78,7 +78,7 @@ def overlaps(polygons: Sequence[Sequence[Floats]], tolerance: float) -> Iterator
 
 
 def gaps_between(polygons: Sequence[Sequence[Floats]], tolerance: float) -> list[Gap]:
-    """Where neighbouring polygons are apart by no more than a tolerance, yet do not touch: the widest place of each pair.
+    """Where neighbouring polygons are apart by up to a tolerance, yet do not touch: the widest place of each pair.
 
     Looked at are the vertices: along two straight sides the width has its extremes there.
 

@@ -1,8 +1,8 @@
 """Given boundaries with lines inside: lines get vertices as far apart as the boundary's, and totals are made even.
 
 Where an edge length splits the boundary, it splits the lines in the same way, once polygons are divided by them:
-`faces.divided`, `discretisation.discretised`, `slits.slit_domain`. Here the boundary's vertices are given; it gets others
-only where a line ends on a segment, and one more where that makes a total odd.
+`faces.divided`, `discretisation.discretised`, `slits.slit_domain`. Here the boundary's vertices are given; it gets
+others only where a line ends on a segment, and one more where that makes a total odd.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from envs.polygons.parity import made_even
 from envs.polygons.sizing import CURVATURE, SLOPE, Sizes
 from envs.polygons.slits import slit_domain
 from envs.polygons.turning import bends
-from envs.types import Domain, DomainError, Floats, Ints
+from envs.types import Domain, DomainError, Floats
 
 #: How much more it counts to split a segment of the boundary than one of a line, as the logarithm of a ratio.
 GIVEN = 10.0

@@ -54,7 +54,7 @@ def side_lines(found: Outlines, names: Sequence[str], silent: frozenset[str]) ->
 
 
 def optional_lines(found: Outlines, names: Sequence[str], silent: frozenset[str]) -> Iterator[Line]:
-    """What was drawn upon a side, and what bounds nothing, by names other than the silent ones: it names what lies on it."""
+    """What was drawn upon a side, and what bounds nothing, by names that are not silent: it names what lies on it."""
     for piece in (*found.beside, *found.left):
         if names[piece.entity] not in silent:
             yield Line(piece.fine, name=names[piece.entity], curve=piece.curve, optional=True)

@@ -63,7 +63,8 @@ def drawing_of_geojson(data: Mapping[str, Any], source: str) -> Drawing:
         total += len(points)
         check_count(total, source)
         if part.stated == "Point":
-            places.append(Place(*points[0].tolist(), name=part.name))
+            x, y = points[0].tolist()
+            places.append(Place(x, y, part.name))
         else:
             lines.append(Line(points, name=part.name, crack=part.crack))
     if not polygons and (lines or places):

@@ -157,9 +157,8 @@ def touching(network: Network, nodes: Ints, tolerance: float) -> tuple[Splits, F
 
 def touching_vertices(network: Network) -> Splits:
     """Where the vertices of straight pieces, between their ends, lie on other pieces: there both are split."""
-    owner = np.concatenate([np.full(max(0, len(inner(p))), i) for i, p in enumerate(network.pieces)] or [[]]).astype(
-        int
-    )
+    counts = [len(inner(piece)) for piece in network.pieces]
+    owner = np.repeat(np.arange(len(counts)), counts)
     if not len(owner):
         return Splits(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64))
     points = np.concatenate([inner(piece) for piece in network.pieces])
@@ -306,7 +305,7 @@ def split(network: Network, splits: Splits) -> Network:
 
 
 def snap(network: Network, piece: int, parameter: float) -> tuple[float, float, float]:
-    """A parameter of a piece at a vertex, and the vertex, where one is within the tolerance; as it is and NaN if not."""
+    """A parameter of a piece at a vertex, and the vertex, where one is within the tolerance; else itself and NaN."""
     one = network.pieces[piece]
     if one.curve is None:
         vertex = round(parameter)
@@ -403,7 +402,7 @@ def covered(pieces: Sequence[Piece], asked: np.ndarray, tolerance: float, source
         return found
     lengths = np.array([np.linalg.norm(np.diff(piece.rough, axis=0), axis=1).sum() for piece in pieces])
     chords = Chords.of(pieces)
-    middles = np.array([pieces[i].at(np.array([middle_of(pieces[i])]))[0] for i in chosen])
+    middles = np.array([pieces[i].at(np.array([middle_of(pieces[i])]))[0] for i in chosen.tolist()])
     at, chord = chords.near(middles, tolerance, source)
     one, other = chosen[at], chords.piece[chord]
     # As long as it, but for what rounding and rough places make of curves.

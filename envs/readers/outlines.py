@@ -122,7 +122,7 @@ def outlines(
 
     Args:
         pieces: those of one entity in a row, end to end; where ends meet, the first one's place is kept.
-        aids: (e,) bool, which entities are of a broken line type: they count where they close what the others leave open, or
+        aids: (e,) bool, which entities are of a broken line type: they count where they close what others leave open, or
             where there is no outline without them.
         size: the drawing's extent.
         tolerance: within which ends meet.
@@ -155,7 +155,7 @@ def without_repeats(piece: Piece, least: float) -> Piece | None:
 
 
 def closing(pieces: Sequence[Piece], aids: np.ndarray, tolerance: float, source: str) -> np.ndarray:
-    """(p,) bool: the pieces of broken line types between two open ends of others, as the axis of a half that is drawn."""
+    """(p,) bool: the pieces of broken line types between two open ends of others, as the axis of a drawn half."""
     found = np.zeros(len(pieces), dtype=bool)
     solid = [piece for piece, aid in zip(pieces, aids, strict=True) if not aid]
     if not solid or not aids.any():
@@ -165,7 +165,7 @@ def closing(pieces: Sequence[Piece], aids: np.ndarray, tolerance: float, source:
     if len(open_ends) < 2:
         return found
     chosen = np.flatnonzero(aids)
-    tips = np.array([pieces[i].ends for i in chosen]).reshape(-1, 2)
+    tips = np.array([pieces[i].ends for i in chosen.tolist()]).reshape(-1, 2)
     off, at = cKDTree(open_ends).query(tips)
     off, at = off.reshape(-1, 2), at.reshape(-1, 2)
     found[chosen] = (off <= tolerance).all(axis=1) & (at[:, 0] != at[:, 1])
@@ -294,9 +294,7 @@ def faces(
     return [found for _, found in groups], [sides[i] for i in sorted(bounding)]
 
 
-def regions(
-    sides: Sequence[Side], part: Ints, closed: Closed, fineness: Flattening
-) -> tuple[list[Face], set[int]]:
+def regions(sides: Sequence[Side], part: Ints, closed: Closed, fineness: Flattening) -> tuple[list[Face], set[int]]:
     """The faces of a connected part, and the pieces that bound none of them."""
     lines = [sides[i].points for i in part.tolist()]
     rings, strays = regions_and_strays(lines)

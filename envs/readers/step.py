@@ -68,7 +68,9 @@ def drawing_of_file(path: Path, reading: Reading) -> Drawing:
             raise DomainError(f"{source}: the edges of face {tag} bound {len(face)} regions; save it again")
         polygons.append(face[0])
         regions.append(name_of(found["names"].get(tag, "")))
-    lines = [Line(side, curve=piece.curve) for side, piece in zip(sides, pieces, strict=True) if piece.curve is not None]
+    lines = [
+        Line(side, curve=piece.curve) for side, piece in zip(sides, pieces, strict=True) if piece.curve is not None
+    ]
     notes = [note, "lengths are millimetres, as they are read from STEP"]
     return Drawing(polygons, tuple(regions) if any(regions) else (), lines, notes=[note for note in notes if note])
 

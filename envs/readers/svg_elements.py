@@ -30,7 +30,9 @@ SVG, INKSCAPE, XLINK = "http://www.w3.org/2000/svg", "http://www.inkscape.org/na
 )  # fmt: skip
 
 #: Names that programs give by themselves.
-NO_NAME = re.compile(r"(path|rect|circle|ellipse|polygon|polyline|line|g|use|layer|svg|text|shape)?[-_.]?\d+([-_.]\d+)*")
+NO_NAME = re.compile(
+    r"(path|rect|circle|ellipse|polygon|polyline|line|g|use|layer|svg|text|shape)?[-_.]?\d+([-_.]\d+)*"
+)
 
 FUNCTION = re.compile(r"\s*,?\s*([A-Za-z]+)\s*\(([^()]*)\)")
 RULE = re.compile(r"([^{}]*)\{([^{}]*)\}")
@@ -316,7 +318,9 @@ def length_in(given: str, name: str, where: str) -> tuple[float, str]:
     """
     match = LENGTH.fullmatch(given)
     if match is None or match[2].lower() not in PIXELS:
-        raise DomainError(f"{where}: {name} {excerpt(given, 30)!r} is no length in px, mm, cm, in, pt or pc; correct it")
+        raise DomainError(
+            f"{where}: {name} {excerpt(given, 30)!r} is no length in px, mm, cm, in, pt or pc; correct it"
+        )
     return float(match[1]), match[2].lower()
 
 

@@ -118,9 +118,9 @@ class Pen:
             self.line(points[-1])
             return
         self.begin()
-        controls = self.transform.places(points)
-        curve = ParametricCurve(Bezier(controls), np.array([0.0, 1.0]))
-        self.add(Piece(controls[[0, -1]], curve, (0.0, 1.0)), points[-1])
+        placed = self.transform.places(points)
+        curve = ParametricCurve(Bezier(placed), np.array([0.0, 1.0]))
+        self.add(Piece(placed[[0, -1]], curve, (0.0, 1.0)), points[-1])
 
     def arc(self, radii: Floats, turned: float, large: bool, sweeping: bool, to: Floats) -> None:
         """An arc of an ellipse from here, as SVG 1.1 states it (its appendix F.6)."""
@@ -147,9 +147,7 @@ class Pen:
         centre = 0.5 * (self.at + to) + axes @ middle
         matrix = self.transform.matrix @ axes
         ends_there = self.transform.places(np.array([self.at, to]))
-        piece = arc_piece(
-            self.transform.places(centre[None])[0], matrix[:, 0], matrix[:, 1], start, sweep, ends_there
-        )
+        piece = arc_piece(self.transform.places(centre[None])[0], matrix[:, 0], matrix[:, 1], start, sweep, ends_there)
         self.add(piece, to)
 
     def whole(self, centre: Floats, radii: Floats) -> None:

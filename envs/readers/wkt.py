@@ -1,4 +1,4 @@
-"""WKT: ``POLYGON`` and ``MULTIPOLYGON``, or a ``GEOMETRYCOLLECTION`` of these with lines and points; elevations ignored."""
+"""WKT: ``POLYGON``, ``MULTIPOLYGON``, or a ``GEOMETRYCOLLECTION`` of these with lines and points; no elevations."""
 
 from __future__ import annotations
 

@@ -177,10 +177,9 @@ def run(options: argparse.Namespace) -> int:
     for i, piece in enumerate(pieces):
         mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
         written = [path if len(pieces) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
-        told = write(mesh, written, options)
-        if piece.stated:  # nobody misses a name that was offered
-            for line in told:
-                note(line)
+        changes = write(mesh, written, options)
+        for change in changes if piece.stated else []:  # nobody misses a name that was offered
+            note(change)
         figures = mesh.quality()
         say(mesh_line(mesh, figures, written))
         if options.edge_length is None and said is None and figures["eta"] < POOR:

@@ -17,8 +17,8 @@ from envs.mdp.size_field import SizeField
 from envs.mesh import Mesh
 from envs.quality import convex_quality
 from envs.types import Floats, Ints
-from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.along_lines import closed, given_vertices, open_along
+from freemesh_ray.finish.cleanup import FLOOR, clean_up
 from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, build, compact
 from freemesh_ray.finish.optimiser import NO_SIZES, descend, descent
 from freemesh_ray.finish.refill import EFFORTS, USUAL, Effort, refill
@@ -183,7 +183,7 @@ def cleaned(mesh: Mesh, wanted: SizeField, fixed: np.ndarray, kept: int, smooth:
 def refilled(
     before: Finished, wanted: SizeField, fixed: np.ndarray, effort: Effort, ways: int, smooth: bool
 ) -> Finished:
-    """A finished mesh with patches filled anew, and smoothed; ``fixed``: (k,) bool, which of the first k vertices stay."""
+    """A finished mesh with patches filled anew, and smoothed; ``fixed``: (k,) bool, which of the first k stay."""
     mesh, kept = before.mesh, len(fixed)
     stays = np.zeros(len(mesh.vertices), dtype=np.bool_)
     stays[:kept] = fixed

@@ -149,7 +149,7 @@ class Mesh(PlainMesh):
             What was changed or left out, a line each: names that the format cannot hold, parts that it does not keep.
 
         Raises:
-            OutputError: another extension, elements that the format does not hold, or a place that cannot be written to.
+            OutputError: another extension, elements that the format does not hold, or a place that cannot be written.
         """
         place = Path(path)
         if place.suffix.lower() in plots.SUFFIXES:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from envs.drawing import Curve
 from envs.mesh import CurvedEdges, Groups, Mesh
 from envs.types import Ints
 
@@ -107,7 +108,8 @@ def _first_of_each(edges: Ints) -> Ints:
 
 def _curved(meshes: Sequence[Mesh], vertices: list[Ints]) -> CurvedEdges:
     """The edges on curves; one between two meshes once."""
-    edges, curve_of, curves = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0, dtype=np.int64)], []
+    edges, curve_of = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    curves: list[Curve] = []
     for mesh, mine in zip(meshes, vertices, strict=True):
         edges.append(mine[mesh.curved.edges])
         curve_of.append(mesh.curved.curve_of + len(curves))

@@ -120,7 +120,9 @@ def test_gaps_are_told_and_joined_on_request(tmp_path_factory: Any, gap: float, 
         assert areas(found)[0] < 4
         assert f"{gap:.3g} apart" in found.notes[-1]
     else:
-        with pytest.raises(DomainError, match=r"a curve ends at .* the nearest open end is .* away at .*--join") as told:
+        with pytest.raises(
+            DomainError, match=r"a curve ends at .* the nearest open end is .* away at .*--join"
+        ) as told:
             read(document, folder)
         assert f" is {gap:.3g} away" in str(told.value)
         join = float(str(told.value).partition("--join ")[2].partition(" ")[0])
@@ -156,9 +158,7 @@ def test_an_end_that_falls_short_of_an_edge_is_joined_to_it(tmp_path: Path) -> N
 
 @given(x=st.floats(0.2, 3.8), u=st.floats(0.2, 3.8), angle=st.floats(0, 6), closed=st.booleans())
 @settings(max_examples=25)
-def test_lines_that_end_on_edges_divide(
-    tmp_path_factory: Any, x: float, u: float, angle: float, closed: bool
-) -> None:
+def test_lines_that_end_on_edges_divide(tmp_path_factory: Any, x: float, u: float, angle: float, closed: bool) -> None:
     document, space = drawing()
     if closed:
         space.add_lwpolyline(BOX, close=True)

@@ -56,7 +56,9 @@ def test_features_name_regions_lines_and_places(tmp_path: Path) -> None:
 
 
 def test_without_names_there_are_none(tmp_path: Path) -> None:
-    drawing = stated(tmp_path / "part.json", collection(feature("Polygon", [BOX]), feature("Polygon", [NEXT], name=None)))
+    drawing = stated(
+        tmp_path / "part.json", collection(feature("Polygon", [BOX]), feature("Polygon", [NEXT], name=None))
+    )
     assert drawing.regions == ()
 
 
@@ -97,7 +99,18 @@ def test_bad_features_are_one_line(tmp_path: Path, content: Any, message: str) -
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_a_column_names_the_segments_that_begin_there(tmp_path: Path, column: str, separator: str) -> None:
     path = tmp_path / "part.csv"
-    rows = ["x,y,%s", "0,0,bottom", "2,0,bottom", "4,0,", "4,3,'top'", "0,3,left", "", "1,1,hole", "2,1,hole", "1,2,hole"]
+    rows = [
+        "x,y,%s",
+        "0,0,bottom",
+        "2,0,bottom",
+        "4,0,",
+        "4,3,'top'",
+        "0,3,left",
+        "",
+        "1,1,hole",
+        "2,1,hole",
+        "1,2,hole",
+    ]
     path.write_text("\n".join(rows).replace(",", separator) % column)
     drawing = table.drawing_of_file(path, Reading())
     assert [(line.name, line.points.tolist()) for line in drawing.lines] == [

@@ -44,7 +44,7 @@ BOXES = {
     "rectangle": '<rect x="1" y="2" width="4" height="3"/>',
     "polygon": '<polygon points="1,2 5,2 5,5 1,5"/>',
     "open polyline, painted": '<polyline points="1 2 5 2 5 5 1 5"/>',
-    "lines": '<g fill="none"><line x1="1" y1="2" x2="5" y2="2"/><path d="M5 2V5H1"/><line x1="1" y1="2" x2="1" y2="5"/></g>',
+    "lines": '<g fill="none"><line x1="1" y1="2" x2="5" y2="2"/><path d="M5 2V5H1"/><line x1="1" y1="2" x2="1" y2="5"/></g>',  # noqa: E501
     "translated": '<g transform="translate(1, 2)"><path d="M0 0h4v3h-4z"/></g>',
     "scaled and moved": '<path transform="translate(1 2) scale(2,.5)" d="M0 0h2v6h-2z"/>',
     "matrix": '<g transform="matrix(1 0 0 1 1 2)"><g transform="rotate(90)"><path d="M0 0h3v-4h-3z"/></g></g>',
@@ -72,7 +72,7 @@ ROUND = {
     "arcs of a turned ellipse": ('<path d="M3 3A3 2 30 0 1 7 3 3 2 30 0 1 3 3"/>', None, EllipseArc),
     "radii that are too small grow": ('<path d="M3 3a.1.1 0 0 0 4 0 .1.1 0 0 0-4 0"/>', 4.0, CircleArc),
     "a scaled circle": ('<circle r="1" transform="matrix(3 0 0 2 5 3)"/>', 6.0, EllipseArc),
-    "a mirrored and turned circle": ('<circle r="2" transform="translate(5 3) scale(-1 1) rotate(33)"/>', 4.0, CircleArc),
+    "a mirrored and turned circle": ('<circle r="2" transform="translate(5 3) scale(-1 1) rotate(33)"/>', 4.0, CircleArc),  # noqa: E501
     "rounded rectangle": ('<rect x="1" y="1" width="6" height="4" ry="2"/>', None, CircleArc),
 }  # fmt: skip
 
@@ -137,7 +137,12 @@ def test_bezier_curves_stay_exact_and_smooth_commands_mirror(tmp_path: Path) -> 
 
 def test_y_is_turned_upwards_within_the_page(tmp_path: Path) -> None:
     triangle = '<path d="M0 0H4L0 4Z"/>'
-    for attributes, top in (('viewBox="0 0 4 10"', 10), ('width="5" height="20"', 20), ("", 0), ('viewBox="0 -4 4 8"', 0)):
+    for attributes, top in (
+        ('viewBox="0 0 4 10"', 10),
+        ('width="5" height="20"', 20),
+        ("", 0),
+        ('viewBox="0 -4 4 8"', 0),
+    ):
         assert (4.0, top) in {tuple(p) for p in read(tmp_path, triangle, attributes).polygons[0][0].tolist()}
 
 
@@ -180,7 +185,7 @@ def test_names_are_labels_ids_or_classes(tmp_path: Path, body: str, name: str) -
 
 
 def test_several_outlines_of_several_names_are_regions(tmp_path: Path) -> None:
-    body = '<path id="steel" d="M0 0H1V1H0z"/><path id="copper" d="M1 0H2V1H1z"/><circle id="hole" cx=".5" cy=".5" r=".2"/>'
+    body = '<path id="steel" d="M0 0H1V1H0z"/><path id="copper" d="M1 0H2V1H1z"/><circle id="hole" cx=".5" cy=".5" r=".2"/>'  # noqa: E501
     found = read(tmp_path, body)
     assert sorted(found.regions) == ["copper", "steel"]
     assert {line.name for line in found.lines} == {"hole"}
@@ -205,7 +210,9 @@ def test_a_doctype_without_declarations_is_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "part.svg"
     doctype = '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
     for encoding in ("utf-8", "utf-16", "iso-8859-1"):
-        path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>{doctype}<svg {HEAD}>{BOX}</svg>'.encode(encoding))
+        path.write_bytes(
+            f'<?xml version="1.0" encoding="{encoding}"?>{doctype}<svg {HEAD}>{BOX}</svg>'.encode(encoding)
+        )
         assert polygon(svg.drawing_of_file(path, Reading())).area == 60
 
 
