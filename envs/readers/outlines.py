@@ -122,8 +122,8 @@ def outlines(
 
     Args:
         pieces: those of one entity in a row, end to end; where ends meet, the first one's place is kept.
-        aids: (e,) bool, which entities are of a broken line type: they count where they close what others leave open, or
-            where there is no outline without them.
+        aids: (e,) bool, which entities are of a broken line type: they count where they close what others leave open,
+            or where there is no outline without them.
         size: the drawing's extent.
         tolerance: within which ends meet.
         fineness: of the vertices on curves.
