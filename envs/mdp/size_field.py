@@ -5,8 +5,8 @@
 The sources x_i are the given points of the boundary and of lines, h_i is the mean length of the segments that meet
 there, h_max the largest h_i, and g bounds how fast h changes (``size_gradient``). So h is the boundary's own size near
 it, grows inwards no faster than g, and stays within the boundary's sizes. Seams have no say: they are no boundary. What
-a user says (`WantedSizes`) is another h_max, or more sources: where the boundary's segments are larger than these, h falls
-towards them no faster than g, so that it is the boundary's own at the boundary.
+a user says (`WantedSizes`) is another h_max, or more sources: where the boundary's segments are larger than these, h
+falls towards them no faster than g, so that it is the boundary's own at the boundary.
 
 The sources are the leaves of two trees as ``kernels.slot_tree`` has them: minima of h_i, and boxes. A query visits the
 nodes that can hold a source with a lower cone. A source above which another one's cone, or h_max, lies lower is left
