@@ -54,33 +54,39 @@ def disc(sectors: int, pieces: int, closed: bool, angle: float) -> Disc:
         angle: of the whole turn, radians.
     """
     j = pieces // 2
-    inner = 1 + sectors * j * (j + 1) + (0 if closed else j)
+    rings = max(1, round(j / 2))
     circle = sectors * pieces + (0 if closed else 1)
+    gridded = 1 + sectors * j * (j + 1) + (0 if closed else j)
+    inner = gridded + (rings - 1) * circle
     opening = angle / sectors
-    # Corners of a sector's grid: the centre, along its first side, furthest, and along its second side.
-    reach = j / (j + 1.0)
-    tips = np.array([0.0, reach, CORNER * reach * np.exp(0.5j * opening), reach * np.exp(1j * opening)])
+    # Of a sector's grid the other corners: along its first side, furthest, and along its second side.
+    reach = j / (j + rings)
+    tips = reach * np.exp(1j * opening * np.array([0.0, 0.5, 1.0])) * [1.0, CORNER, 1.0]
     number = np.zeros((sectors, j + 1, j + 1), dtype=np.int64)
     own = np.arange(sectors * j * (j + 1)).reshape(sectors, j, j + 1) + 1
     number[:, 1:, :] = own
     number[:-1, 0, 1:] = own[1:, :, 0]
-    number[-1, 0, 1:] = own[0, :, 0] if closed else inner - j + np.arange(j)
+    number[-1, 0, 1:] = own[0, :, 0] if closed else gridded - j + np.arange(j)
     a, b = np.meshgrid(np.arange(j + 1) / j, np.arange(j + 1) / j, indexing="ij")
-    grid = a * (1 - b) * tips[1] + a * b * tips[2] + (1 - a) * b * tips[3]
-    places = np.zeros(inner, dtype=np.complex128)
-    turn = np.zeros(inner)
+    grid = a * (1 - b) * tips[0] + a * b * tips[1] + (1 - a) * b * tips[2]
+    places, turn, blocks = np.zeros(inner, dtype=np.complex128), np.zeros(inner), []
+    rim = np.zeros(circle, dtype=np.int64)
     for s in range(sectors - 1, -1, -1):
         places[number[s]] = grid
         turn[number[s]] = (s + np.angle(grid) / opening) / sectors
-    blocks = []
-    for s in range(sectors):
-        grid_of = number[s]
-        blocks.append(_grid(grid_of))
-        rim = np.concatenate([grid_of[j, :j], grid_of[j::-1, j]])
-        outer = inner + (s * pieces + np.arange(pieces + 1)) % circle
-        blocks.append(np.stack([rim[:-1], outer[:-1], outer[1:], rim[1:]], axis=1))
-    last = np.append(number[-1, 0], inner + (sectors * pieces) % circle)
-    return Disc(np.abs(places), turn, np.concatenate(blocks), np.append(number[0, :, 0], inner), last)
+        blocks.append(_grid(number[s]))
+        rim[(s * pieces + np.arange(pieces + 1)) % circle] = [*number[s, j, :j], *number[s, j::-1, j]]
+    outwards = np.stack(
+        [rim, *(gridded + np.arange((rings - 1) * circle).reshape(-1, circle)), inner + np.arange(circle)]
+    )
+    radius, last = np.abs(places), np.concatenate([number[-1, 0], outwards[1:, sectors * pieces % circle]])
+    for i in range(1, rings):
+        share, on = i / rings, np.arange(circle) / (sectors * pieces)
+        radius[outwards[i]] = (1 - share) * radius[rim] + share
+        turn[outwards[i]] = (1 - share) * turn[rim] + share * on
+    blocks.append(_grid(np.hstack([outwards, outwards[:, :1]]) if closed else outwards))
+    first = np.concatenate([number[0, :, 0], outwards[1:, 0]])
+    return Disc(radius, turn, np.concatenate(blocks), first, last)
 
 
 def _grid(number: Ints) -> Ints:
@@ -126,7 +132,9 @@ def column_of(mesh: Mesh, touching: np.ndarray) -> Column:
         UserError: an element that touches the axis in a point, or with more than one side.
     """
     on = touching[mesh.quads]
-    for q in np.flatnonzero((on.sum(axis=1) == 1) | (on.sum(axis=1) > 2) | (on[:, 0] & on[:, 2]) | (on[:, 1] & on[:, 3]))[:1]:
+    for q in np.flatnonzero(
+        (on.sum(axis=1) == 1) | (on.sum(axis=1) > 2) | (on[:, 0] & on[:, 2]) | (on[:, 1] & on[:, 3])
+    )[:1]:
         where = mesh.vertices[mesh.quads[q][on[q]][0]]
         raise UserError(
             f"{mesh.name}: at {place(where)} an element touches the axis of revolution with other than one side, and "

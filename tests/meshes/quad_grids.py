@@ -11,9 +11,7 @@ from freemesh_ray.meshes.index import boundary_of
 
 def grid(columns: int, rows: int, low: tuple[float, float] = (0, 0), high: tuple[float, float] = (1, 1)) -> Mesh:
     """A rectangle in equal elements."""
-    x, y = np.meshgrid(
-        np.linspace(low[0], high[0], columns + 1), np.linspace(low[1], high[1], rows + 1), indexing="ij"
-    )
+    x, y = np.meshgrid(np.linspace(low[0], high[0], columns + 1), np.linspace(low[1], high[1], rows + 1), indexing="ij")
     number = np.arange(x.size).reshape(x.shape)
     corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
     return whole(np.stack([x.ravel(), y.ravel()], axis=1), np.stack([c.ravel() for c in corners], axis=1))

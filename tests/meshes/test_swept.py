@@ -257,7 +257,7 @@ def shaft(slope: float) -> Mesh:
 
 
 @pytest.mark.parametrize("degrees", [10.0, 45.0, 90.0, 134.0, 180.0, 270.0, 360.0])
-@pytest.mark.parametrize("pieces", [2, 4, 8])
+@pytest.mark.parametrize("pieces", [2, 4, 8, 22])
 @pytest.mark.parametrize("slope", [0.0, 0.3, -0.2])
 @pytest.mark.parametrize("order", [1, 2])
 def test_what_touches_the_axis_has_a_core_without_wedges(degrees: float, pieces: int, slope: float, order: int) -> None:
@@ -289,7 +289,9 @@ def test_what_touches_the_axis_has_a_core_without_wedges(degrees: float, pieces:
     if order == 2:
         weights, jacobians = weights_and_jacobians(solid)
         assert jacobians.min() > 0.0
-        assert (jacobians @ weights).sum() == pytest.approx(np.radians(degrees) * each.sum(), rel=step**4 / 200.0 + near)
+        assert (jacobians @ weights).sum() == pytest.approx(
+            np.radians(degrees) * each.sum(), rel=step**4 / 200.0 + near
+        )
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -299,7 +301,9 @@ def test_middles_of_curved_edges_lie_on_their_curves(order: int) -> None:
     r, t = 1.0 + flat.vertices[:, 0], 0.4 * np.pi * flat.vertices[:, 1]
     vertices = np.stack([r * np.cos(t), r * np.sin(t)], axis=1)
     edges, _ = edges_of(flat.quads)
-    curve_of = np.where(np.isclose(r[edges], 1.0).all(axis=1), 0, np.where(np.isclose(r[edges], 2.0).all(axis=1), 1, -1))
+    curve_of = np.where(
+        np.isclose(r[edges], 1.0).all(axis=1), 0, np.where(np.isclose(r[edges], 2.0).all(axis=1), 1, -1)
+    )
     curved = CurvedEdges(edges[curve_of >= 0], curve_of[curve_of >= 0], (Circle(1.0), Circle(2.0)))
     solid = extruded(replace(whole(vertices, flat.quads), curved=curved), 1.0, 2, order=order)
     check(solid)
