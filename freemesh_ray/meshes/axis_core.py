@@ -149,8 +149,8 @@ def column_of(mesh: Mesh, touching: np.ndarray) -> Column:
     pairs = np.unique(np.concatenate([walked[inside], walked[~inside][:, ::-1]]), axis=0)
     for i in np.flatnonzero(np.diff(pairs[:, 0]) == 0)[:1]:
         raise UserError(
-            f"{mesh.name}: at {place(mesh.vertices[pairs[i, 0]])} two parts of the mesh touch the axis of revolution in "
-            "one point; keep them apart"
+            f"{mesh.name}: at {place(mesh.vertices[pairs[i, 0]])} two parts of the mesh touch the axis of revolution "
+            "in one point; keep them apart"
         )
     return Column(quads, axis, pairs[:, 0], pairs[:, 1])
 
@@ -178,9 +178,8 @@ class Core:
 
     def hexes(self) -> Ints:
         """(k hexes_each, 8) int64, element by element of the column."""
-        return np.concatenate([
-            np.hstack([self._at(self.disc.quads, a), self._at(self.disc.quads, b)]) for a, b in self.column.axis.tolist()
-        ])  # fmt: skip
+        quads, pairs = self.disc.quads, self.column.axis.tolist()
+        return np.concatenate([np.hstack([self._at(quads, a), self._at(quads, b)]) for a, b in pairs])
 
     def faces(self, segments: Ints) -> Ints:
         """(k, 2) segments from the axis to a rim or back -> (k hexes_each, 4), seen from their right."""

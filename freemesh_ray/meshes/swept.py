@@ -355,7 +355,7 @@ def _finished(sweep: _Sweep, ends: tuple[str, str], order: int) -> SweptMesh:
 
 
 def _plane_middles(mesh: Mesh, edges: Ints) -> Floats:
-    """(k, 2) float64: halfway along each edge (k, 2), and of one that lies on a curve the curve's place next to that."""
+    """(k, 2) float64: halfway along each edge (k, 2); of one on a curve the curve's place next to that."""
     middles = mesh.vertices[edges].mean(axis=1)
     base = len(mesh.vertices)
     keys, curved = keys_of(edges, base), keys_of(mesh.curved.edges, base)
