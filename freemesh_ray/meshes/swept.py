@@ -24,6 +24,7 @@ import numpy as np
 
 from envs.errors import UserError
 from envs.mesh import Mesh, edges_of
+from envs.polygons.axis import Axis, axis_of
 from envs.polygons.rings import extent, place
 from envs.types import RELATIVE_TOLERANCE, Floats, Ints
 from freemesh_ray.meshes.axis_core import Core, column_of, disc
@@ -42,8 +43,7 @@ WIDEST_LAYER = 120.0
 #: Degrees that a sector around the axis spans, about.
 SECTOR = 90.0
 
-#: The axis of revolution by default: the y axis.
-Y_AXIS = ((0.0, 0.0), (0.0, 1.0))
+Y_AXIS = axis_of("y", "the y axis")
 
 #: From places (n, 2) of a mesh to where they lie, (n, 3), at stations (n,) of the sweep, 0 to 1.
 Placing = Callable[[Floats, Floats], Floats]
@@ -127,7 +127,7 @@ def revolved(
     mesh: Mesh,
     degrees: float,
     layers: int,
-    axis: tuple[tuple[float, float], tuple[float, float]] = Y_AXIS,
+    axis: Axis = Y_AXIS,
     *,
     order: int = 1,
 ) -> SweptMesh:
@@ -140,7 +140,7 @@ def revolved(
         mesh: complete, on one side of the axis.
         degrees: above 0, at most 360, which closes on itself.
         layers: hexahedra around; at least one for every 120 degrees.
-        axis: two points that it runs through.
+        axis: in the plane; by default the y axis.
         order: 2: with nodes in the middles of edges, those around on circles, those of curved edges on their curves.
 
     Raises:
@@ -153,9 +153,7 @@ def revolved(
     least = int(np.ceil(degrees / WIDEST_LAYER - 1e-9))
     if layers < least:
         raise UserError(f"{mesh.name}: {layers} layers in {degrees:g} degrees; give --layers {least} or more")
-    first, along = _axis(mesh, axis)
-    across = np.array([along[1], -along[0]])
-    off = (mesh.vertices - first) @ across
+    across, off = axis.left, axis.offsets(mesh.vertices)
     if off[np.abs(off).argmax()] < 0.0:
         across, off = -across, -off
     tolerance = RELATIVE_TOLERANCE * extent(mesh.vertices)
@@ -167,8 +165,8 @@ def revolved(
 
     def at(places: Floats, where: Floats) -> Floats:
         turn = np.radians(degrees) * where
-        radius, length = (places - first) @ across, (places - first) @ along
-        flat = first + np.outer(length, along) + np.outer(radius * np.cos(turn), across)
+        radius = (places - axis.start) @ across
+        flat = axis.projected(places) + np.outer(radius * np.cos(turn), across)
         # At the first station the mesh itself, bit for bit.
         return np.column_stack([np.where(where[:, None] == 0.0, places, flat), radius * np.sin(turn)])
 
@@ -204,15 +202,6 @@ def _check(mesh: Mesh, layers: int, order: int) -> None:
             f"{mesh.name}: {layers:,} layers of {len(mesh.quads):,} elements, at most {MOST_HEXAHEDRA:,} hexahedra are "
             "possible; use fewer --layers or a larger --edge-length"
         )
-
-
-def _axis(mesh: Mesh, axis: tuple[tuple[float, float], tuple[float, float]]) -> tuple[Floats, Floats]:
-    """A point of the axis, and its direction as a unit vector."""
-    ends = np.asarray(axis, dtype=np.float64)
-    length = float(np.hypot(*(ends[1] - ends[0]))) if ends.shape == (2, 2) else np.nan
-    if not 0.0 < length < np.inf:
-        raise UserError(f"{mesh.name}: an axis of revolution is two different points; give it as x0,y0,x1,y1")
-    return ends[0], (ends[1] - ends[0]) / length
 
 
 @dataclass

@@ -13,6 +13,7 @@ from quad_grids import grid, random_mesh, whole
 
 from envs.errors import UserError
 from envs.mesh import CurvedEdges, Groups, Mesh, edges_of
+from envs.polygons.axis import axis_of
 from envs.types import Floats, Ints
 from freemesh_ray.meshes.hexahedra import AROUND, EDGES, FACES, corner_jacobians, faces_of, volumes
 from freemesh_ray.meshes.swept import SweptMesh, extruded, revolved
@@ -158,8 +159,8 @@ def test_ends_and_rest_have_names_that_are_free() -> None:
     assert (solid.nodes[solid.groups.faces["bottom_3"], 2] == 0.0).all()
     assert (solid.nodes[solid.groups.faces["top_2"], 2] == 1.0).all()
     whole_named = replace(mesh, groups=Groups({"edge": mesh.segments}))
-    assert set(revolved(whole_named, 90.0, 4, ((-1.0, 0.0), (-1.0, 1.0))).groups.faces) == {"edge", "start", "end"}
-    assert set(revolved(whole_named, 360.0, 4, ((-1.0, 0.0), (-1.0, 1.0))).groups.faces) == {"edge"}
+    assert set(revolved(whole_named, 90.0, 4, axis_of("-1.0,0.0,-1.0,1.0", "test")).groups.faces) == {"edge", "start", "end"}
+    assert set(revolved(whole_named, 360.0, 4, axis_of("-1.0,0.0,-1.0,1.0", "test")).groups.faces) == {"edge"}
 
 
 @settings(max_examples=60)
@@ -183,8 +184,8 @@ def test_a_revolution_has_the_volume_of_pappus_between_chords(
     if mesh.areas[0] < 0.0:
         groups = replace(plain.groups, sides={k: v[:, ::-1] for k, v in plain.groups.sides.items()})
         mesh = whole(vertices, plain.quads[:, ::-1], groups)
-    ends = tuple(origin.tolist()), tuple((origin + 7.0 * along).tolist())
-    solid = revolved(mesh, degrees, layers, ends, order=order)
+    axis = axis_of([origin, origin + 7.0 * along], "test")
+    solid = revolved(mesh, degrees, layers, axis, order=order)
     check(solid)
     step = np.radians(degrees / layers)
     each = volumes(solid.nodes, solid.hexes).reshape(layers, -1)
@@ -354,12 +355,10 @@ def test_volumes_are_those_of_the_trilinear_map(seed: int) -> None:
         (lambda m: revolved(m, 361.0, 4), "a turn of 361 degrees"),
         (lambda m: revolved(m, np.nan, 4), "a turn of nan degrees"),
         (lambda m: revolved(m, 360.0, 2), r"2 layers in 360 degrees; give --layers 3 or more$"),
-        (lambda m: revolved(m, 90.0, 2, ((0.5, 0.0), (0.5, 1.0))), r"crosses the axis of revolution: \(.*\) is beyond"),
+        (lambda m: revolved(m, 90.0, 2, axis_of("0.5,0.0,0.5,1.0", "test")), r"crosses the axis of revolution: \(.*\) is beyond"),
         (lambda m: revolved(m, 90.0, 3), r"touches the axis of revolution at \(0\.0, .*a multiple of 2 .* 4$"),
         (lambda m: revolved(m, 360.0, 12), r"a multiple of 8 layers; give --layers 16$"),
-        (lambda m: revolved(m, 90.0, 4, ((1.0, 1.0), (2.0, 0.0))), r"at \(1\.0, 1\.0\) an element touches"),
-        (lambda m: revolved(m, 90.0, 4, ((1.0, 1.0), (1.0, 1.0))), "two different points"),
-        (lambda m: revolved(m, 90.0, 4, ((np.nan, 1.0), (1.0, 1.0))), "two different points"),
+        (lambda m: revolved(m, 90.0, 4, axis_of("1.0,1.0,2.0,0.0", "test")), r"at \(1\.0, 1\.0\) an element touches"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_swept_is_told_in_one_line(call: object, message: str) -> None:
