@@ -43,9 +43,7 @@ class Half:
     image: int
 
 
-def halves(
-    polygons: Sequence[Sequence[Floats]], axis: Axis, source: str, tolerance: float | None = None
-) -> list[Half]:
+def halves(polygons: Sequence[Sequence[Floats]], axis: Axis, source: str, tolerance: float | None = None) -> list[Half]:
     """What is to the left of an axis.
 
     Args:

@@ -159,7 +159,11 @@ def test_ends_and_rest_have_names_that_are_free() -> None:
     assert (solid.nodes[solid.groups.faces["bottom_3"], 2] == 0.0).all()
     assert (solid.nodes[solid.groups.faces["top_2"], 2] == 1.0).all()
     whole_named = replace(mesh, groups=Groups({"edge": mesh.segments}))
-    assert set(revolved(whole_named, 90.0, 4, axis_of("-1.0,0.0,-1.0,1.0", "test")).groups.faces) == {"edge", "start", "end"}
+    assert set(revolved(whole_named, 90.0, 4, axis_of("-1.0,0.0,-1.0,1.0", "test")).groups.faces) == {
+        "edge",
+        "start",
+        "end",
+    }
     assert set(revolved(whole_named, 360.0, 4, axis_of("-1.0,0.0,-1.0,1.0", "test")).groups.faces) == {"edge"}
 
 
