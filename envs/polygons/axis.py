@@ -70,11 +70,10 @@ def axis_of(given: str | Sequence[Sequence[float]], source: str) -> Axis:
     try:
         if isinstance(given, str):
             word = given.strip().lower()
-            ends = np.array(NAMED[word] if word in NAMED else [float(number) for number in word.split(",")]).reshape(
-                2, 2
-            )
+            numbers: object = NAMED[word] if word in NAMED else [float(number) for number in word.split(",")]
         else:
-            ends = np.array(given, dtype=np.float64).reshape(2, 2)
+            numbers = given
+        ends = np.array(numbers, dtype=np.float64).reshape(2, 2)
     except (TypeError, ValueError):
         raise wrong from None
     way = ends[1] - ends[0]

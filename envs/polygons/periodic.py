@@ -227,7 +227,7 @@ def twins_of(graph: Boundary, pairs: Sequence[PeriodicSides], source: str) -> li
                 raise _without_twin(pair, source, middles[chain])
             if taken & {chain, twin}:
                 raise DomainError(
-                    f"{source}: the boundary at {place(middles[chain])} is in two pairs of periodic sides; name it in one"
+                    f"{source}: {place(middles[chain])} of the boundary is in two pairs of periodic sides; give it in one"
                 )
             taken |= {chain, twin}
             found.append(Twins(chain, twin, gaps[1] < gaps[0]))
@@ -280,8 +280,9 @@ def with_twins(chosen: set[int], twins: Sequence[Twins]) -> set[int]:
 
 
 def node_pairs(points: Floats, segments: Ints, pair: PeriodicSides, source: str) -> Ints:
-    """(k, 2) int64: the vertices on the first side, from its start on, and their images on the second; a tip of both has
-    none.
+    """(k, 2) int64: the vertices on the first side, from its start on, and their images on the second.
+
+    A tip that both sides have in common is no image of itself here.
 
     Args:
         points: (n, 2) a mesh's vertices.

@@ -56,8 +56,8 @@ def mirrored(mesh: Mesh, axis: Axis) -> Mesh:
         off = -off
     if off.min() < -tolerance:
         raise UserError(
-            f"{mesh.name}: the mesh crosses the axis {axis}: {place(mesh.vertices[off.argmin()])} is beyond it; keep the "
-            "polygon on one side"
+            f"{mesh.name}: the mesh crosses the axis {axis}: {place(mesh.vertices[off.argmin()])} is beyond it; keep "
+            "the polygon on one side"
         )
     on = off <= tolerance
     if not on[mesh.segments].all(axis=1).any():

@@ -81,7 +81,8 @@ def test_a_ring_around_the_axis_becomes_an_arch() -> None:
 
 
 def test_several_polygons_are_symmetric_together() -> None:
-    left, right = SQUARE - [3.0, 0.0], SQUARE + [3.0, 0.0]
+    apart = np.array([3.0, 0.0])
+    left, right = SQUARE - apart, SQUARE + apart
     found = halves([[left], [SQUARE], [right]], axis_of("y", "test"), "three")
     assert [(half.of, half.image) for half in found] == [(1, 1), (2, 0)]
     np.testing.assert_array_equal(found[1].rings[0], right)

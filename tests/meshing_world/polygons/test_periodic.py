@@ -91,7 +91,7 @@ def wavy(seed: int, fine: int) -> tuple[Floats, Floats, Floats]:
     rng = np.random.default_rng(seed)
     t = np.sort(np.concatenate([[0.0, 1.0], rng.uniform(0.02, 0.98, fine)]))
     side = np.stack([0.3 * np.sin(2 * np.pi * t * rng.integers(1, 3)), 3.0 * t], axis=1)
-    right = side + [5.0, rng.uniform(-0.5, 0.5)]
+    right = side + np.array([5.0, rng.uniform(-0.5, 0.5)])
     top = np.stack([np.linspace(right[-1, 0], side[-1, 0], 4)[1:-1], 3.0 + rng.uniform(0.4, 0.8, 2)], axis=1)
     bottom = np.stack([np.linspace(side[0, 0], right[0, 0], 5)[1:-1], rng.uniform(-1.4, -0.8, 3)], axis=1)
     return np.concatenate([side[::-1], bottom, right, top]), side, right
@@ -165,9 +165,7 @@ def test_a_cell_periodic_both_ways_of_two_polygons() -> None:
 
 def test_what_is_not_periodic_is_told() -> None:
     bent = np.array([[0, 0], [4, 0], [4.3, 1.5], [4, 3], [0, 3]], dtype=float)
-    with pytest.raises(
-        DomainError, match=r"^p: sides 'left' and 'right' are not periodic: \(4\.3, 1\.5\) is 0\.3 away"
-    ):
+    with pytest.raises(DomainError, match=r"^p: sides 'left' and 'right' are .*: \(4\.3, 1\.5\) is 0\.3 away"):
         periodic_sides([bent[[4, 0]]], [bent[1:4]], [[bent]], "p", NAMES)
     with pytest.raises(DomainError, match=r"sides 'left' and 'bottom' are not periodic: .* is [\d.]+ away"):
         periodic_sides([LEFT], [BOTTOM], [[SQUARE]], "p", ("left", "bottom"))
@@ -187,13 +185,11 @@ def test_different_vertices_without_an_edge_length_are_told() -> None:
     ring = np.insert(SQUARE, 2, [4.0, 1.0], axis=0)
     ring = np.insert(ring, 1, [2.0, 0.0], axis=0)
     pair = periodic_sides([LEFT], [ring[2:5]], [[ring]], "p", NAMES)
-    with pytest.raises(
-        DomainError, match=r"^test: sides 'left' and 'right' have different vertices near \(.*--edge-len"
-    ):
+    with pytest.raises(DomainError, match=r"^test: sides 'left' and 'right' have different vertices.*--edge-len"):
         split_alike([[ring]], [pair], None)
     check(split_alike([[ring]], [pair], 10.0), pair)
     again = periodic_sides([RIGHT[::-1]], [LEFT], [[SQUARE]], "p", ("right", "left"))
-    with pytest.raises(DomainError, match=r"is in two pairs of periodic sides"):
+    with pytest.raises(DomainError, match=r"of the boundary is in two pairs"):
         split_alike([[SQUARE]], [periodic_sides([LEFT], [RIGHT], [[SQUARE]], "p", NAMES), again], 1.0)
 
 
