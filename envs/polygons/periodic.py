@@ -227,7 +227,7 @@ def twins_of(graph: Boundary, pairs: Sequence[PeriodicSides], source: str) -> li
                 raise _without_twin(pair, source, middles[chain])
             if taken & {chain, twin}:
                 raise DomainError(
-                    f"{source}: {place(middles[chain])} of the boundary is in two pairs of periodic sides; give it in one"
+                    f"{source}: {place(middles[chain])} of the boundary is in two pairs of periodic sides; name one"
                 )
             taken |= {chain, twin}
             found.append(Twins(chain, twin, gaps[1] < gaps[0]))
