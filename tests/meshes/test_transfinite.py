@@ -81,7 +81,7 @@ def test_bent_zones_are_valid_or_told(seed: int) -> None:
     try:
         mesh = transfinite(ring, at, "zone")
     except DomainError:
-        with pytest.raises(DomainError, match=r"^zone: a structured zone of this shape has an element at \(.*\) that is"):
+        with pytest.raises(DomainError, match=r"^zone: a structured zone of this shape has an element at \(.*\)"):
             transfinite(ring, at, "zone")
     else:
         assert mesh.defects(signed_area(ring)) == []
