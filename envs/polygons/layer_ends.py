@@ -20,7 +20,7 @@ class Stretch:
     Attributes:
         points: (k, 2) float64 its vertices, the ends included.
         taken_first, taken_last: how much of its length rows take at its ends.
-        more: segments that it gets beyond those it needs.
+        more: segments that it gets beyond those it needs, 0 or 1.
     """
 
     points: Floats
@@ -59,11 +59,15 @@ class Stretch:
         return bool(self.taken_first <= first and self.taken_last <= last)
 
     def inside(self) -> Floats:
-        """(segments - 1, 2) the vertices between the rows at its ends, spaced as the given ones; these if nothing asks
-        for others.
+        """(segments - 1, 2) the vertices between the rows at its ends: the given ones, and where they are in the way as
+        many spaced as they are.
         """
-        if self._undisturbed and not self.more:
-            return self.points[1:-1]
+        if self._undisturbed:
+            given = self.points
+            if self.more:
+                i = int(np.diff(self.along).argmax())
+                given = np.insert(given, i + 1, 0.5 * (given[i] + given[i + 1]), axis=0)
+            return given[1:-1]
         steps = np.arange(len(self.points), dtype=np.float64)
         ends = np.interp([self.taken_first, self.length - self.taken_last], self.along, steps)
         wanted = np.linspace(ends[0], ends[1], self.segments + 1)[1:-1]
