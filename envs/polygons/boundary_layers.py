@@ -41,7 +41,7 @@ SHRINKING, TRIES = 0.8, 60
 TAKEN = 1.0 / 3.0
 
 #: Rows lower than this share of what was asked for are refused.
-LEAST_SHARE = 1e-3
+LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,9 @@ class Rows:
         if not 0.0 < self.first < np.inf:
             raise DomainError(f"{source}: first layer {self.first:g} high; give --first a number above 0")
         if not 1.0 <= self.growth <= MOST_GROWTH:
-            raise DomainError(f"{source}: growth {self.growth:g} of layers; give --growth a number from 1 to {MOST_GROWTH:g}")
+            raise DomainError(
+                f"{source}: growth {self.growth:g} of layers; give --growth a number from 1 to {MOST_GROWTH:g}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +102,8 @@ class Layers:
 def boundary_layers(rings: Sequence[Floats], carries: Sequence[np.ndarray], rows: Rows, source: str) -> Layers:
     """Layers along some of the segments of a domain.
 
-    A side without layers that rows end along gets their points on it; its own vertices stay where the rows leave most
-    of its first segment, else they are spaced anew between its corners.
+    A side without layers that rows end along gets their points on it; of its own vertices those stay that the rows
+    neither pass nor come close to.
 
     Args:
         rings: valid rings of one polygon, each (n, 2) float64, the outer one first.
@@ -119,7 +121,9 @@ def boundary_layers(rings: Sequence[Floats], carries: Sequence[np.ndarray], rows
              for r, (ring, flags) in enumerate(zip(rings, carries, strict=True))]  # fmt: skip
     spokes = sum(len(run.spokes.vertex) for loop in loops for run in loop.runs)
     if spokes * rows.count > MOST_QUADS:
-        raise DomainError(f"{source}: {spokes * rows.count:,} elements in layers, at most {MOST_QUADS:,}; use fewer --layers")
+        raise DomainError(
+            f"{source}: {spokes * rows.count:,} elements in layers, at most {MOST_QUADS:,}; use fewer --layers"
+        )
     every = np.concatenate([np.stack([loop.points, np.roll(loop.points, -1, axis=0)], axis=1) for loop in loops])
     touching = RELATIVE_TOLERANCE * extent(every.reshape(-1, 2))
     for loop in loops:
@@ -215,7 +219,9 @@ class _Loop:
                     taken = run.taken(last)
                     if taken > 0.0:
                         vertex = -1 if last else 0
-                        run.share[vertex] = min(run.share[vertex], TAKEN * Stretch(piece).length / taken * run.share[vertex])
+                        run.share[vertex] = min(
+                            run.share[vertex], TAKEN * Stretch(piece).length / taken * run.share[vertex]
+                        )
 
     @classmethod
     def of(cls, ring: Floats, flags: np.ndarray, outer: bool, rows: Rows) -> _Loop:
@@ -287,7 +293,7 @@ def _built(loops: list[_Loop], source: str) -> _Built:
     if sum(map(len, built.rings)) % 2 == 0:
         return built
     pieces = [
-        (piece.length / piece.segments, r, i, j)
+        (piece.spacing, r, i, j)
         for r, loop in enumerate(loops) for i in range(len(loop.runs)) for j, piece in enumerate(loop.stretches(i))
     ]  # fmt: skip
     for loop in loops:
@@ -338,7 +344,9 @@ def _assembled(loops: list[_Loop]) -> _Built:
     return built
 
 
-def _rows(built: _Built, run: _Layered, feet: list[int], ends: dict[bool, list[int]], who: tuple[int, int]) -> list[int]:
+def _rows(
+    built: _Built, run: _Layered, feet: list[int], ends: dict[bool, list[int]], who: tuple[int, int]
+) -> list[int]:
     """Lay the rows of a run; the vertices that the ring inside of them walks."""
     spokes, levels = run.spokes, run.levels()
     rows = len(run.heights)

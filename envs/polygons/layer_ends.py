@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.types import Floats
 
-#: Vertices stay where they are when the rows end before this share of the first segment.
+#: A vertex stays when the rows end before this share of the segment that leads to it.
 FREE = 0.6
 
 
@@ -42,33 +42,26 @@ class Stretch:
         """(m, 2) places at (m,) distances from the first vertex along it."""
         return np.stack([np.interp(distances, self.along, self.points[:, axis]) for axis in (0, 1)], axis=1)
 
-    @property
-    def segments(self) -> int:
-        """Segments between the rows at its ends: as many, or fewer by an even number, as it had."""
-        count = len(self.points) - 1
-        if self._undisturbed:
-            return count + self.more
-        free = 1.0 - (self.taken_first + self.taken_last) / self.length
-        return count - 2 * int((count - max(1.0, count * free)) / 2.0 + 0.25) + self.more
-
-    @property
-    def _undisturbed(self) -> bool:
-        first, last = FREE * self.along[1], FREE * (self.length - self.along[-2])
-        if len(self.points) == 2:
-            return bool(self.taken_first + self.taken_last <= first)
-        return bool(self.taken_first <= first and self.taken_last <= last)
-
     def inside(self) -> Floats:
-        """(segments - 1, 2) the vertices between the rows at its ends: the given ones, and where they are in the way as
-        many spaced as they are.
+        """(m, 2) the vertices between the rows at its ends: the given ones that rows neither pass nor come close to.
+
+        Where these are fewer by an odd number the longest segment that is left is split, or where ``more`` asks for one
+        more and they are not: the number of segments changes by an even number, and by ``more``.
         """
-        if self._undisturbed:
-            given = self.points
-            if self.more:
-                i = int(np.diff(self.along).argmax())
-                given = np.insert(given, i + 1, 0.5 * (given[i] + given[i + 1]), axis=0)
-            return given[1:-1]
-        steps = np.arange(len(self.points), dtype=np.float64)
-        ends = np.interp([self.taken_first, self.length - self.taken_last], self.along, steps)
-        wanted = np.linspace(ends[0], ends[1], self.segments + 1)[1:-1]
-        return self.at(np.interp(wanted, steps, self.along))
+        first, last = self.taken_first, self.length - self.taken_last
+        steps = np.diff(self.along)
+        kept = (self.along[1:-1] - first >= (1.0 - FREE) * steps[:-1]) & (
+            last - self.along[1:-1] >= (1.0 - FREE) * steps[1:]
+        )
+        found = self.points[1:-1][kept]
+        if (len(kept) - len(found) + self.more) % 2 == 0:
+            return found
+        at = np.concatenate([[first], self.along[1:-1][kept], [last]])
+        i = int(np.diff(at).argmax())
+        return np.insert(found, i, self.at(0.5 * (at[i : i + 1] + at[i + 1])), axis=0)
+
+    @property
+    def spacing(self) -> float:
+        """The longest segment between the rows."""
+        ends = np.array([self.taken_first, self.length - self.taken_last])
+        return float(np.diff(np.union1d(ends, self.along[(self.along > ends[0]) & (self.along < ends[1])])).max())

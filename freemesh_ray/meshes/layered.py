@@ -29,7 +29,9 @@ def with_layers(layers: Layers, inside: Mesh) -> Mesh:
     for i in np.flatnonzero(on_boundary).tolist():
         x, y = inside.vertices[i].tolist()
         if (x, y) not in known:
-            raise UserError(f"{inside.name}: {place(inside.vertices[i])} is on no boundary layer; mesh the layers' rings")
+            raise UserError(
+                f"{inside.name}: {place(inside.vertices[i])} is on no boundary layer; mesh the layers' rings"
+            )
         number[i] = known[x, y]
     number[~on_boundary] = len(layers.vertices) + np.arange(int((~on_boundary).sum()))
     return Mesh(

@@ -48,8 +48,8 @@ def nowhere(ring: Floats) -> np.ndarray:
     return np.zeros(len(ring), dtype=np.bool_)
 
 
-def check(layers: Layers, rings: list[Floats], carries: list[np.ndarray]) -> None:
-    """What holds for all layers."""
+def check(layers: Layers, rings: list[Floats], carries: list[np.ndarray], near: float = 1e-9) -> None:
+    """What holds for all layers; the area to a share of it."""
     vertices, quads = layers.vertices, layers.quads
     corners = vertices[quads]
     ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
@@ -58,18 +58,23 @@ def check(layers: Layers, rings: list[Floats], carries: list[np.ndarray]) -> Non
     edges, counts = edges_of(quads)
     assert counts.max() <= 2
     once = {tuple(edge) for edge in edges[counts == 1].tolist()}
-    inner = {tuple(sorted(edge)) for ring in layers.rings for edge in zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True)}
+    inner = {
+        tuple(sorted(edge))
+        for ring in layers.rings
+        for edge in zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True)
+    }
     outer = {tuple(edge) for edge in np.sort(layers.segments, axis=1).tolist()}
     assert once == inner ^ outer, "the rows lie between the boundary and the rings inside"
     assert sum(map(len, layers.rings)) % 2 == 0
-    assert set(quads.ravel().tolist()) | {v for ring in layers.rings for v in ring.tolist()} == set(range(len(vertices)))
+    assert set(quads.ravel().tolist()) | {v for ring in layers.rings for v in ring.tolist()} == set(
+        range(len(vertices))
+    )
     assert len(np.unique(vertices, axis=0)) == len(vertices)
     shape = shapely.Polygon(vertices[layers.rings[0]], [vertices[ring] for ring in layers.rings[1:]])
     assert shape.is_valid
     whole = shapely.Polygon(rings[0], rings[1:])
     areas = Mesh("rows", vertices, quads, layers.segments, False).areas
-    # Of curved sides without layers vertices may have moved.
-    assert areas.sum() + shape.area == pytest.approx(whole.area, rel=2e-3)
+    assert areas.sum() + shape.area == pytest.approx(whole.area, rel=near)
     assert shapely.Polygon(vertices[layers.rings[0]]).exterior.is_ccw
     given = {tuple(point) for point in vertices[np.unique(layers.segments)].tolist()}
     for ring, flags in zip(rings, carries, strict=True):
@@ -96,11 +101,10 @@ def test_a_flat_plate_has_rows_of_the_heights_asked_for() -> None:
     used = layers.vertices[np.unique(layers.quads)]
     np.testing.assert_allclose(np.unique(np.round(used[:, 1], 12)), heights)
     np.testing.assert_allclose(np.unique(np.round(used[:, 0], 12)), np.linspace(0.0, 4.0, 21))
-    # The other sides' vertices but those that the rows have passed, or come close to.
-    kept = {tuple(p) for p in ring[ring[:, 1] > 0.21].tolist()}
-    moved = layers.vertices[(layers.vertices[:, 0] == 0.0) & (layers.vertices[:, 1] > heights[-1] + 1e-9)]
-    assert {p for p in kept if p[1] == 2.0} <= {tuple(p) for p in layers.vertices.tolist()}
-    assert np.diff(np.sort(moved[:, 1])).max() < 0.24
+    # The vertices of the sides but those that the rows have passed, or come close to, and one more for each.
+    kept = {tuple(p) for p in ring[(ring[:, 1] == 0.0) | (ring[:, 1] > 0.3)].tolist()}
+    assert kept <= {tuple(p) for p in layers.vertices.tolist()}
+    assert len(layers.rings[0]) == len(ring)
     thin = boundary_layers([ring], [flags], Rows(3, 0.01, 1.2), "plate")
     check(thin, [ring], [flags])
     assert {tuple(p) for p in ring.tolist()} <= {tuple(p) for p in thin.vertices.tolist()}, "nothing had to move"
@@ -162,7 +166,9 @@ def test_both_corners_of_an_l() -> None:
     assert layers.limited == ()
     high = rows.heights[-1]
     inner = shapely.Polygon(layers.vertices[layers.rings[0]])
-    expected = shapely.Polygon(split([(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)], 9)).buffer(-high, join_style="mitre")
+    expected = shapely.Polygon(split([(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)], 9)).buffer(
+        -high, join_style="mitre"
+    )
     assert shapely.symmetric_difference(inner, expected).area < 1e-9, "the rows keep their height around both"
     corner = int(np.flatnonzero((layers.vertices == 2.0).all(axis=1))[0])
     assert (layers.quads == corner).any(axis=1).sum() == 3
@@ -206,7 +212,9 @@ def test_a_narrow_channel_limits_the_rows_to_a_third_and_says_where() -> None:
     assert [share for _, share in layers.limited] == pytest.approx([0.1 / Rows(5, 0.03, 1.3).heights[-1]] * 2)
     # Only where it is narrow, and smoothly.
     x = np.linspace(0, 4, 81)
-    throat = np.concatenate([np.stack([x, 0 * x], 1), np.stack([x[::-1], 1 - 0.85 * np.exp(-4 * (x[::-1] - 2) ** 2)], 1)])
+    throat = np.concatenate(
+        [np.stack([x, 0 * x], 1), np.stack([x[::-1], 1 - 0.85 * np.exp(-4 * (x[::-1] - 2) ** 2)], 1)]
+    )
     flags = on(throat, lambda a, b: (a > 1e-6) & (a < 4 - 1e-6))
     layers = boundary_layers([throat], [flags], Rows(5, 0.02, 1.3), "throat")
     check(layers, [throat], [flags])
@@ -258,7 +266,8 @@ def test_layers_of_any_polygon_are_valid_or_refused(
         message = str(told)
     else:
         message = ""
-        check(layers, rings, carries)
+        # Rows may pass a vertex of a bent side without layers.
+        check(layers, rings, carries, near=1e-2)
         assert all(0.0 < share < 1.0 for _, share in layers.limited)
     assert message == "" or message.startswith(("star: no room for layers at (", "star: layers cross or fold at ("))
     assert "\n" not in message
@@ -270,7 +279,9 @@ def test_few_polygons_are_refused() -> None:
         rng = np.random.default_rng(seed)
         ring = star(rng, 2 * int(rng.integers(2, 30)), 1.0, float(rng.choice([0.02, 0.2, 0.5])))
         try:
-            boundary_layers([ring], [everywhere(ring)], Rows(int(rng.integers(1, 12)), rng.uniform(1e-4, 0.1), 1.3), "star")
+            boundary_layers(
+                [ring], [everywhere(ring)], Rows(int(rng.integers(1, 12)), rng.uniform(1e-4, 0.1), 1.3), "star"
+            )
         except DomainError:
             refused += 1
     assert refused <= 2
@@ -304,16 +315,27 @@ def test_layers_need_a_side_and_an_even_boundary() -> None:
     check(boundary_layers([odd], [some], Rows(2, 0.01, 1.2), "p"), [odd], [some])
 
 
-def test_a_stretch_keeps_its_parity_and_its_spacing() -> None:
-    points = np.stack([np.linspace(0.0, 1.0, 11), np.zeros(11)], axis=1)
-    np.testing.assert_array_equal(Stretch(points, 0.05, 0.0).inside(), points[1:-1])
-    for first, last in ((0.07, 0.0), (0.3, 0.0), (0.3, 0.3), (0.05, 0.33)):
-        stretch = Stretch(points, first, last)
-        assert stretch.segments % 2 == 0
-        inside = np.concatenate([[[first, 0.0]], stretch.inside(), [[1.0 - last, 0.0]]])
-        steps = np.diff(inside[:, 0])
-        np.testing.assert_allclose(steps, steps[0])
-        assert 0.07 < steps[0] < 0.14
+@given(
+    seed=st.integers(0, 1000), n=st.integers(2, 30), first=st.floats(0.0, 0.4), last=st.floats(0.0, 0.4),
+    more=st.integers(0, 1),
+)  # fmt: skip
+def test_a_stretch_keeps_its_parity_and_what_rows_do_not_reach(
+    seed: int, n: int, first: float, last: float, more: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    at = np.concatenate([[0.0], np.cumsum(rng.uniform(0.5, 2.0, n - 1))])
+    points = np.stack([at / at[-1], np.zeros(n)], axis=1)
+    inside = Stretch(points, first, last, more).inside()
+    assert (len(inside) - (n - 2) - more) % 2 == 0
+    every = np.concatenate([[first], inside[:, 0], [1.0 - last]])
+    assert (np.diff(every) > 0.0).all()
+    new = {tuple(p) for p in inside.tolist()} - {tuple(p) for p in points.tolist()}
+    assert len(new) <= 1
+    longest = np.diff(points[:, 0]).max()
+    gone = {tuple(p) for p in points[1:-1].tolist()} - {tuple(p) for p in inside.tolist()}
+    assert all(x <= first + longest or x >= 1.0 - last - longest for x, _ in gone)
+    if first == last == more == 0:
+        np.testing.assert_array_equal(inside, points[1:-1])
 
 
 @given(seed=st.integers(0, 1000), closed=st.booleans())
@@ -330,9 +352,7 @@ def test_heights_change_by_no_more_than_the_slope(seed: int, closed: bool) -> No
     np.testing.assert_allclose(again, found)
 
 
-def test_a_stretch_with_one_more_segment_moves_nothing_that_can_stay() -> None:
+def test_a_stretch_with_one_more_segment_moves_nothing() -> None:
     points = np.array([[0, 0], [1, 0], [3, 0.5], [4, 0]], dtype=float)
-    np.testing.assert_array_equal(Stretch(points, more=1).inside(), [[1, 0], [2, 0.25], [3, 0.5]])
-    pushed = Stretch(np.stack([np.linspace(0.0, 1.0, 11), np.zeros(11)], axis=1), 0.3, 0.0, 1)
-    assert len(pushed.inside()) == pushed.segments - 1
-    assert pushed.segments % 2 == 1
+    np.testing.assert_allclose(Stretch(points, more=1).inside(), [[1, 0], [2, 0.25], [3, 0.5]])
+    np.testing.assert_array_equal(Stretch(points).inside(), points[1:-1])
