@@ -131,12 +131,9 @@ def spokes_of(run: Run, height: float) -> Spokes:
                 lean[inside % count] += sign * pull * np.maximum(0.0, 1.0 - away / reach)
     middle = _unit(ahead + behind)
     way = np.where(knot[:, None], way, way + lean[:, None] * middle)
-    vertex, ways = [], []
-    for i in range(count):
-        fan = _fan(left[i], float(turn[i]), float(inner[i])) if fanned[i] else way[i : i + 1]
-        vertex += [i] * len(fan)
-        ways.append(fan)
-    return Spokes(np.array(vertex, dtype=np.int64), np.concatenate(ways), first_along, last_along, most)
+    ways = [_fan(left[i], float(turn[i]), float(inner[i])) if fanned[i] else way[i : i + 1] for i in range(count)]
+    leaving = np.repeat(np.arange(count), [len(fan) for fan in ways])
+    return Spokes(leaving, np.concatenate(ways), first_along, last_along, most)
 
 
 def _unit(ways: Floats) -> Floats:

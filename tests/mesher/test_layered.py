@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from envs.errors import UserError
-from envs.polygons.boundary_layers import Layers, Rows, boundary_layers
+from envs.polygons.boundary_layers import Layers, boundary_layers
 from envs.polygons.domain import from_rings
+from envs.polygons.layer_loops import Rows
 from envs.types import Floats
 from freemesh_ray.mesher.api import Mesh
 from freemesh_ray.meshes.layered import with_layers
@@ -22,8 +23,8 @@ def meshed(rings: list[Floats], carries: list[np.ndarray], rows: Rows) -> tuple[
 def test_rows_and_the_mesh_inside_are_one_conforming_mesh() -> None:
     x = np.linspace(0.0, 4.0, 17)
     ring = np.concatenate([
-        np.stack([x, 0 * x], axis=1)[:-1], [[4, 0], [4, 0.5], [4, 1], [4, 1.5]], np.stack([x, 0 * x + 2], axis=1)[:0:-1],
-        [[0, 2], [0, 1.5], [0, 1], [0, 0.5]],
+        np.stack([x, 0 * x], axis=1)[:-1], [[4, 0], [4, 0.5], [4, 1], [4, 1.5]],
+        np.stack([x, 0 * x + 2], axis=1)[:0:-1], [[0, 2], [0, 1.5], [0, 1], [0, 0.5]],
     ])  # fmt: skip
     turn = 2.0 * np.pi * np.arange(16) / 16
     hole = np.array([2.0, 1.0]) + 0.4 * np.stack([np.cos(turn), -np.sin(turn)], axis=1)

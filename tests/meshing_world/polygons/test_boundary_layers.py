@@ -1,4 +1,4 @@
-"""Boundary layers: valid rows of the heights asked for, rings inside that a mesher can fill, and limits that are told."""
+"""Boundary layers: valid rows of the heights asked for, rings inside that can be meshed, and limits that are told."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envs.mesh import Mesh, edges_of
-from envs.polygons.boundary_layers import Layers, Rows, boundary_layers
+from envs.polygons.boundary_layers import Layers, boundary_layers
 from envs.polygons.domain import from_rings
 from envs.polygons.layer_ends import Stretch
+from envs.polygons.layer_loops import Rows
 from envs.polygons.layer_room import SLOPE, smoothed
 from envs.types import DomainError, Floats
 
