@@ -119,9 +119,7 @@ class Loop:
                     taken = run.taken(last)
                     if taken > 0.0:
                         vertex = -1 if last else 0
-                        run.share[vertex] = min(
-                            run.share[vertex], TAKEN * Stretch(piece).length / taken * run.share[vertex]
-                        )
+                        run.share[vertex] *= min(1.0, TAKEN * Stretch(piece).length / taken)
 
     @classmethod
     def of(cls, ring: Floats, flags: np.ndarray, outer: bool, rows: Rows) -> Loop:

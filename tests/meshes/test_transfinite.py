@@ -87,6 +87,22 @@ def test_bent_zones_are_valid_or_told(seed: int) -> None:
         assert mesh.defects(signed_area(ring)) == []
 
 
+def test_of_a_parallelogram_lines_between_opposite_points_stay_straight() -> None:
+    corners = np.array([[0, 0], [4, 0], [5, 2], [1, 2.0]])
+    ratios = (6.0, 3.0, 3.0, 0.5)
+    sides = [divided(corners[[i, (i + 1) % 4]], (5, 4)[i % 2], ratios[i]) for i in range(4)]
+    ring, at = joined(*sides)
+    mesh = transfinite(ring, at, "zone")
+    ways = np.array([corners[1], corners[3]])
+    for lines in ((sides[0], sides[2][::-1]), (sides[3][::-1], sides[1])):
+        ends = [end @ np.linalg.inv(ways) for end in lines]
+        for a, b in zip(*ends, strict=True):
+            off = np.cross(np.append(b - a, 0.0), np.pad(mesh.vertices @ np.linalg.inv(ways) - a, ((0, 0), (0, 1))))[
+                :, 2
+            ]
+            assert (np.abs(off) < 1e-12).sum() == (5 if lines[0] is sides[0] else 6)
+
+
 def test_what_is_no_zone_is_told() -> None:
     square = np.array([[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [0, 2.0]])
     with pytest.raises(

@@ -274,6 +274,26 @@ def test_layers_of_any_polygon_are_valid_or_refused(
     assert "\n" not in message
 
 
+def test_a_short_side_limits_the_rows_that_end_along_it() -> None:
+    ring = split([(0, 0), (4, 0), (4, 0.15), (6, 0.15), (6, 3), (0, 3)], 0.2)
+    flags = on(ring, lambda x, y: y < 1e-9)
+    rows = Rows(5, 0.02, 1.3)
+    layers = boundary_layers([ring], [flags], rows, "step")
+    check(layers, [ring], [flags])
+    ((where, share),) = layers.limited
+    assert tuple(where) == (4.0, 0.0)
+    assert share == pytest.approx(0.15 / 3.0 / rows.heights[-1])
+
+
+def test_rows_that_would_meet_shrink() -> None:
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        rings = [star(rng, 2 * int(rng.integers(2, 20)), 1.0, 0.5), star(rng, 12, 0.25, 0.3)]
+        rows = Rows(4, rng.uniform(0.02, 0.3), 1.3)
+        carries = [everywhere(ring) for ring in rings]
+        check(boundary_layers(rings, carries, rows, "star"), rings, carries)
+
+
 def test_few_polygons_are_refused() -> None:
     refused = 0
     for seed in range(100):

@@ -14,7 +14,7 @@ from envs.polygons import periodic
 from envs.polygons.boundary import boundary
 from envs.polygons.discretisation import conforming, counts_of, discretised, placed
 from envs.polygons.parity import made_even
-from envs.polygons.periodic import PeriodicSides, node_pairs, periodic_sides
+from envs.polygons.periodic import PeriodicSides, Twins, node_pairs, periodic_sides
 from envs.polygons.sizing import Sizes, sizes
 from envs.types import DomainError, Floats
 
@@ -161,6 +161,30 @@ def test_a_cell_periodic_both_ways_of_two_polygons() -> None:
         check(split, up)
         assert tuple(across.motion.shift) == (4.0, 0.0)
     assert (across.motion.turn == np.eye(2)).all()
+
+
+def test_twins_get_one_more_segment_both_or_none() -> None:
+    twins = [Twins(0, 1, True)]
+    # Chain 2 is dear: both polygons are made even by the twins, one on each.
+    users, costs = periodic.tied([[0], [1], [0, 1]], np.array([0.1, 0.2, 0.9]), twins)
+    np.testing.assert_allclose(costs, [0.3, 0.2, 0.9])
+    assert made_even(users, costs, [0, 1]) == {0}
+    assert periodic.with_twins({0}, twins) == {0, 1}
+    assert periodic.with_twins({2}, twins) == {2}
+    # Of one polygon twins change nothing: another chain has to.
+    users, costs = periodic.tied([[0], [0], [0]], np.array([0.1, 0.2, 0.9]), twins)
+    assert made_even(users, costs, [0]) == {2}
+    assert made_even(*periodic.tied([[0], [0]], np.array([0.1, 0.2]), twins), [0]) is None
+
+
+def test_the_finer_side_rules() -> None:
+    for hole in (0.75, 3.25):
+        small = np.array([hole, 1.5]) + 0.6 * np.stack([np.cos(np.arange(6.0)), np.sin(np.arange(6.0))], axis=1)
+        pair = periodic_sides([LEFT], [RIGHT], [[SQUARE, small]], "p", NAMES)
+        plain = discretised([[SQUARE, small]], "p", edge_length=0.5, grading=8.0)[0][0]
+        finest = max(int((plain[:, 0] == x).sum()) for x in (0.0, 4.0))
+        assert finest > 9, "the hole is close"
+        assert check(split_alike([[SQUARE, small]], [pair], 0.5, grading=8.0), pair) >= finest - 1
 
 
 def test_what_is_not_periodic_is_told() -> None:
