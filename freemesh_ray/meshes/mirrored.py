@@ -33,6 +33,11 @@ class MirroredCurve:
         """(m, 2) places at (m,) parameters."""
         return self.axis.mirrored(self.curve.at(parameters))
 
+    def between(self, a: Floats, b: Floats, fractions: Floats) -> Floats:
+        """(m, f, 2) places at (f,) fractions of the way from (m, 2) places a on it to b."""
+        places = self.curve.between(self.axis.mirrored(a), self.axis.mirrored(b), fractions)
+        return self.axis.mirrored(places.reshape(-1, 2)).reshape(places.shape)
+
 
 def mirrored(mesh: Mesh, axis: Axis) -> Mesh:
     """A mesh on one side of an axis that it touches, together with its mirror image.
