@@ -12,7 +12,7 @@ from envs.mesh import STRAIGHT, CurvedEdges, Groups, Mesh
 from envs.polygons.along import edges_along
 from envs.types import Ints
 from freemesh_ray.meshes.cracks import cracked
-from freemesh_ray.meshes.union import Union, union
+from freemesh_ray.meshes.union import Union, first_of_each, union
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,8 @@ def assembled(parts: Sequence[Part], name: str, inside: Sequence[Line] = (), pla
         called = line.name or (f"crack_{i}" if line.crack else f"line_{i}")
         found = cracks if line.crack else lines
         along = edges_along(mesh.vertices, edges, line.points)
-        found[called] = np.concatenate([found[called], along]) if called in found else along
+        both = np.concatenate([found[called], along]) if called in found else along
+        found[called] = both[first_of_each(both)]
     taken = {tuple(edge) for rows in cracks.values() for edge in np.sort(rows, axis=1).tolist()}
     lines = {
         key: rows[[tuple(edge) not in taken for edge in np.sort(rows, axis=1).tolist()]] for key, rows in lines.items()

@@ -94,13 +94,13 @@ def _groups(meshes: Sequence[Mesh], vertices: list[Ints], offsets: list[int], sh
         points |= {name: int(mine[vertex]) for name, vertex in mesh.groups.points.items()}
     return Groups(
         sides={name: members for name, members in sides.items() if len(members)},
-        lines={name: members[_first_of_each(members)] for name, members in lines.items()},
+        lines={name: members[first_of_each(members)] for name, members in lines.items()},
         regions=_gathered([mesh.groups.regions for mesh in meshes], lambda i, members: members + offsets[i]),
         points=points,
     )
 
 
-def _first_of_each(edges: Ints) -> Ints:
+def first_of_each(edges: Ints) -> Ints:
     """Where each edge is met for the first time, in either direction."""
     _, first = np.unique(np.sort(edges, axis=1) @ [int(edges.max(initial=0)) + 1, 1], return_index=True)
     return np.sort(first)
@@ -115,5 +115,5 @@ def _curved(meshes: Sequence[Mesh], vertices: list[Ints]) -> CurvedEdges:
         curve_of.append(mesh.curved.curve_of + len(curves))
         curves += mesh.curved.curves
     every = np.concatenate(edges)
-    first = _first_of_each(every)
+    first = first_of_each(every)
     return CurvedEdges(every[first], np.concatenate(curve_of)[first], tuple(curves))

@@ -27,6 +27,8 @@ IRREGULAR: dict[tuple[float, float], tuple[str, str, str]] = {
 }
 #: Points, width of the boundary's lines in a picture of the full width.
 BOLD = 1.6
+#: Of the lines inside that have names.
+LINE = 1.0
 
 
 def draw_mesh(
@@ -55,6 +57,8 @@ def draw_mesh(
     else:
         axes, figure = ax, ax.figure
     draw_panel(mesh, axes, mesh.name if title is None else title)
+    for segments in mesh.groups.lines.values():
+        axes.add_collection(LineCollection(list(mesh.vertices[segments]), colors=INK, linewidths=LINE, zorder=4))
     add_legend(axes, marks(axes), loc="upper center", bbox_to_anchor=(0.5, 0.0))
     if path is not None:
         save(figure, path)

@@ -95,7 +95,9 @@ def test_a_line_from_side_to_side_divides() -> None:
     mesh = freemesh_ray.mesh(Drawing([[LEFT]], lines=[cut]), edge_length=0.125)
     assert mesh.defects(area=1.0) == []
     assert set(mesh.groups.regions) == {"region_1", "region_2"}
-    assert (mesh.vertices[mesh.groups.lines["glue"], 0] == 0.5).all()
+    glue = mesh.vertices[mesh.groups.lines["glue"]]
+    assert (glue[..., 0] == 0.5).all()
+    assert np.abs(glue[:, 1, 1] - glue[:, 0, 1]).sum() == pytest.approx(1.0)
 
 
 def test_half_of_a_symmetric_plate_is_mirrored() -> None:
