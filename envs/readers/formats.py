@@ -1,6 +1,6 @@
 """The polygon files that are read: help, messages and the table of ``docs/polygons.md`` come from here.
 
-A new format is a file beside this one with ``polygons_of_file(path, edge_length)``, and an entry below.
+A new format is a file beside this one with ``drawing_of_file(path, reading)``, and an entry below.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ class Format:
 FORMATS = (
     Format(
         "JSON", (".geojson", ".json"), "json_text",
-        'GeoJSON Polygon, MultiPolygon, Feature, FeatureCollection; `{"rings": [outer, hole, ...]}`; '
+        'GeoJSON polygons, with the lines, points and names of Features; `{"rings": [outer, hole, ...]}`; '
         "a list of `[x, y]`",
     ),
-    Format("WKT", (".wkt",), "wkt", "POLYGON, MULTIPOLYGON"),
+    Format("WKT", (".wkt",), "wkt", "POLYGON, MULTIPOLYGON, or a GEOMETRYCOLLECTION of these with lines and points"),
     Format("text", (".txt",), "plain_text", "a table when it begins with a number, otherwise WKT"),
     Format(
         "table", (".csv", ".tsv", ".xy", ".dat"), "table",
         "rows `x y` separated by comma, semicolon, tab or spaces, with or without a header; a blank line or a third "
-        "column `ring` separates rings",
+        "column `ring` separates rings, a column `name` names sides",
     ),
     Format(
         "DXF", (".dxf",), "dxf",
-        "LINE, LWPOLYLINE, POLYLINE (with bulges), ARC, CIRCLE, ELLIPSE, SPLINE, also in inserted blocks; layers that "
-        "are off or frozen are left out",
+        "LINE, LWPOLYLINE, POLYLINE (with bulges), ARC, CIRCLE, ELLIPSE, SPLINE, also in inserted blocks, on the layers "
+        "asked for, or those that are neither off nor frozen",
         most_bytes=20_000_000,
     ),
     Format(

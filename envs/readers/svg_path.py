@@ -118,9 +118,9 @@ class Pen:
             self.line(points[-1])
             return
         self.begin()
-        placed = self.transform.places(points)
-        curve = ParametricCurve(Bezier(placed), np.array([0.0, 1.0]))
-        self.add(Piece(placed[[0, -1]], curve, (0.0, 1.0)), points[-1])
+        controls = self.transform.places(points)
+        curve = ParametricCurve(Bezier(controls), np.array([0.0, 1.0]))
+        self.add(Piece(controls[[0, -1]], curve, (0.0, 1.0)), points[-1])
 
     def arc(self, radii: Floats, turned: float, large: bool, sweeping: bool, to: Floats) -> None:
         """An arc of an ellipse from here, as SVG 1.1 states it (its appendix F.6)."""
@@ -145,17 +145,20 @@ class Pen:
         axes = np.array([[c, -s], [s, c]]) * radii
         self.begin()
         centre = 0.5 * (self.at + to) + axes @ middle
-        matrix = self.transform.matrix @ axes
-        ends_there = self.transform.places(np.array([self.at, to]))
-        piece = arc_piece(self.transform.places(centre[None])[0], matrix[:, 0], matrix[:, 1], start, sweep, ends_there)
-        self.add(piece, to)
+        self.add(self.arc_piece(centre, axes, start, sweep, np.array([self.at, to])), to)
+
+    def arc_piece(self, centre: Floats, axes: Floats, start: float, sweep: float, ends: Floats | None = None) -> Piece:
+        """An arc of the ellipse with the half axes in the columns of (2, 2) ``axes``, in the drawing's coordinates."""
+        there = self.transform.places(centre[None])
+        turned = self.transform.matrix @ axes
+        check_coordinates(np.concatenate([there, turned, [[start, sweep]]]), self.source, lambda _: "an arc")
+        tips = None if ends is None else self.transform.places(ends)
+        return arc_piece(there[0], turned[:, 0], turned[:, 1], start, sweep, tips)
 
     def whole(self, centre: Floats, radii: Floats) -> None:
         """A whole ellipse, a subpath of its own."""
         self.move(centre + np.array([radii[0], 0.0]))
-        axes = self.transform.matrix * radii
-        where = self.transform.places(centre[None])[0]
-        self.add(arc_piece(where, axes[:, 0], axes[:, 1], 0.0, 2 * np.pi), self.at)
+        self.add(self.arc_piece(centre, np.diag(radii), 0.0, 2 * np.pi), self.at)
         self.subpaths[-1].closed = True
         self.run = []
 

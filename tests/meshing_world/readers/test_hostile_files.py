@@ -49,6 +49,12 @@ def line(x: float, y: float, u: float, v: float) -> str:
     return pairs((0, "LINE"), (8, "0"), (10, x), (20, y), (11, u), (21, v))
 
 
+def frame(size: float) -> str:
+    """A square of lines."""
+    corners = [(0, 0), (size, 0), (size, size), (0, size)]
+    return "".join(line(*a, *b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
+
+
 def spline(degree: int) -> str:
     """A spline of a high degree."""
     points = degree + 1
@@ -114,6 +120,28 @@ HOSTILE: dict[str, tuple[str, Callable[[], str], str | None]] = {
     "a far line": (
         ".dxf", lambda: dxf(line(0, 0, 1e9, 0) + "".join(line(i / 9, 0, i / 7 + 99, 1) for i in range(3000))),
         "too many curves end within 1e.03 of each other"),
+    "dividing lines that cross": (
+        ".dxf", lambda: dxf(frame(500) + "".join(line(i + 0.5, 0, i + 0.5, 500) + line(0, i + 0.5, 500, i + 0.5)
+                                                 for i in range(400))), "lines cross at more than 100,000 places"),
+    "a line of many dashes": (
+        ".dxf", lambda: dxf(frame(9) + "".join(line(i / 9e4, 1, (i + 0.5) / 9e4, 1) for i in range(20_000))), None),
+    "a scribble of open lines": (
+        ".dxf", lambda: dxf(frame(1) + "".join(line(x, y, u, v) for x, y, u, v in
+                                               np.random.default_rng(0).random((5000, 4)).tolist())), None),
+    "elements in elements": (".svg", lambda: "<svg>" + "<g>" * 100_000, "200,000 elements, or 100 in each other"),
+    "elements used by elements that are used": (
+        ".svg", lambda: "<svg><path id='u0' d='M0 0H1V1z'/>" + "".join(
+            f"<g id='u{i + 1}'>" + f"<use href='#u{i}'/>" * 20 + "</g>" for i in range(20)) + "</svg>",
+        "200,000 elements, or 100 in each other"),
+    "entities of entities": (
+        ".svg", lambda: '<!DOCTYPE svg [<!ENTITY a "aaaaaaaaaa">' + "".join(
+            f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(12)) + "]><svg>&m;</svg>",
+        "a DTD in the file, which is not read"),
+    "a path of many curves": (
+        ".svg", lambda: "<svg><path d='M0 0" + "c1 2 3 4 5 5" * 210_000 + "'/></svg>", "more than 200,000 curves"),
+    "a path of many lines": (
+        ".svg", lambda: "<svg><path d='M0 0" + "h1v1" * 510_000 + "'/></svg>", "at most 1,000,000 are possible"),
+    "many words for numbers": (".svg", lambda: "<svg><polygon points='" + "x " * 500_000 + "'/></svg>", "no list of num"),
     "a spline of a high degree": (".dxf", lambda: dxf(spline(500)), "a spline of degree 500, at most 25"),
     "nodes that are not there": (
         ".msh", lambda: mesh(4, "1 1 2 0 1 1 2\n").replace("$Nodes\n4", "$Nodes\n1000000000"), "ends too early"),

@@ -23,7 +23,7 @@ from envs.types import DomainError
 pytestmark = pytest.mark.slow
 
 #: Mutated files of each format.
-FILES = 10_000
+FILES = 3000
 
 PLATE = shapely.box(0, 0, 4, 3).difference(shapely.box(1, 1, 2, 2))
 RING = list(PLATE.exterior.coords)
@@ -39,6 +39,8 @@ def dxf_text() -> str:
     entities: list[tuple[int, object]] = []
     for (x, y), (u, v) in (((0, 0), (8, 0)), ((8, 0), (8, 6))):
         entities += [(0, "LINE"), (8, "0"), (10, x), (20, y), (11, u), (21, v)]
+    for x, y, u, v in ((0, 5.5, 8, 5), (4, 5, 4, 7), (7, 0, 8, 0), (3, 3, 9, 3)):
+        entities += [(0, "LINE"), (8, "cut"), (10, x), (20, y), (11, u), (21, v)]
     entities += [(0, "ARC"), (8, "0"), (10, 4), (20, 6), (40, 4), (50, 0), (51, 180)]
     header = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1015"), (0, "ENDSEC")]
     entities += [(0, "SPLINE"), (100, "AcDbEntity"), (8, "0"), (100, "AcDbSpline"), (70, 8), (71, 3), (72, 8), (73, 4)]
@@ -71,6 +73,16 @@ Rotate {{0, 0, 1}, {1, 2, 0}, Pi / 3} { Surface{t(0)}; }
 Point(20) = {0.4, 0.3, 0}; Point{20} In Surface{1};
 Physical Curve(StrCat("b", Sprintf("%g", k)), 4) = {1, -2}; Physical Point(9) = {2};
 Delete { Point{7}; }
+"""
+
+SVG = """<?xml version="1.0"?>
+<svg xmlns="http://www.w3.org/2000/svg" width="10mm" viewBox="0 0 10 8">
+<style>.thin { fill: none }</style>
+<g id="plate" transform="rotate(3) translate(1,1)"><path d="M0 0H8V6C6 7 2 5 0 6z"/></g>
+<circle id="hole" cx="3" cy="4.4" r=".8"/><use href="#hole" x="3"/>
+<path class="thin" d="m2 2a1 .5 10 1 0 .1 0zM9 0 9 1"/>
+<rect x="20" y="1" width="3" height="2" rx=".5"/><polygon points="20,5 23,5 23,7 20,7"/>
+</svg>
 """
 
 MSH_2 = """$MeshFormat
@@ -155,12 +167,17 @@ def binary_msh() -> bytes:
 SOUND = {
     ".geojson": json.dumps({"type": "FeatureCollection", "features": [
         {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(PLATE)},
-        {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(shapely.box(4, 0, 6, 3))},
+        {"type": "Feature", "properties": {"name": "b"}, "geometry": shapely.geometry.mapping(shapely.box(4, 0, 6, 3))},
+        {"type": "Feature", "properties": {"name": "top"}, "geometry": {
+            "type": "LineString", "coordinates": [[0, 3], [6, 3]]}},
     ]}).encode(),
     ".json": json.dumps(RING).encode(),
     ".wkt": PLATE.wkt.encode(),
+    "collection.wkt": f"GEOMETRYCOLLECTION ({PLATE.wkt}, LINESTRING (0 3, 4 3), POINT (3 1))".encode(),
     ".csv": ("x,y\n" + "".join(f"{x},{y}\n" for x, y in RING) + "\n1.0,1\n2e0,1\n2,2\n1,2\n").encode(),
+    "names.csv": ("x,y,name\n" + "".join(f"{x},{y},{'ab'[i % 2]}\n" for i, (x, y) in enumerate(RING))).encode(),
     ".dxf": dxf_text().encode(),
+    ".svg": SVG.encode(),
     ".geo": GEO.encode(),
     ".msh": MSH_2.encode(),
     "4.msh": MSH_4.encode(),
