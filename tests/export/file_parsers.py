@@ -26,6 +26,8 @@ class Found:
         lines: likewise of each line.
         regions: elements of each region.
         sets: nodes of each named part that is a set of nodes.
+        cells: all nodes of each element, in the format's order, of formats that the tests know it of.
+        curves: places along curved sides, by element and side.
     """
 
     nodes: Floats
@@ -34,6 +36,8 @@ class Found:
     lines: dict[str, Ints] = field(default_factory=dict)
     regions: dict[str, Ints] = field(default_factory=dict)
     sets: dict[str, Ints] = field(default_factory=dict)
+    cells: Ints | None = None
+    curves: dict[tuple[int, int], Floats] = field(default_factory=dict)
 
 
 def ints(texts: list[str]) -> Ints:
@@ -53,7 +57,8 @@ def abaqus(path: Path) -> Found:
         if keyword == "*NODE":
             found.nodes = np.array([[float(x) for x in row.split(", ")[1:]] for row in rows])
         elif keyword == "*ELEMENT":
-            found.corners = ints(rows)[:, 1 : 9 if "C3D" in head else 5] - 1
+            found.cells = ints(rows)[:, 1:] - 1
+            found.corners = found.cells[:, : 8 if "C3D" in head else 4]
         elif keyword == "*NSET":
             found.sets[name] = np.concatenate([ints([row])[0] for row in rows]) - 1
         elif keyword == "*ELSET":
@@ -84,17 +89,11 @@ def nastran(path: Path) -> Found:
         else:
             cards.append([line[:8].strip(), *fields])
     real = lambda text: float(re.sub(r"(?<=[\d.])([+-])", r"e\1", text))  # noqa: E731
-    found = Found(
-        np.array([[real(x) for x in card[3:6]] for card in cards if card[0] == "GRID*"]),
-        np.array(
-            [
-                [int(x) - 1 for x in c[3 : 11 if c[0] == "CHEXA" else 7]]
-                for c in cards
-                if c[0] in ("CQUAD4", "CQUAD8", "CHEXA")
-            ]
-        ),
-    )
-    region = np.array([int(c[2]) for c in cards if c[0] in ("CQUAD4", "CQUAD8", "CHEXA")])
+    elements = [card for card in cards if card[0] in ("CQUAD4", "CQUAD8", "CHEXA")]
+    cells = np.array([card[3:] for card in elements], dtype=np.int64) - 1
+    nodes = np.array([[real(x) for x in card[3:6]] for card in cards if card[0] == "GRID*"])
+    found = Found(nodes, cells[:, : 8 if elements[0][0] == "CHEXA" else 4], cells=cells)
+    region = np.array([int(card[2]) for card in elements])
     for card in cards:
         if card[0] in ("PSHELL", "PSOLID"):
             found.regions[names[f"Property{card[1]}"]] = np.flatnonzero(region == int(card[1]))
@@ -147,7 +146,8 @@ def ideas(path: Path) -> Found:
     corner = {11: [0, 1], 24: [0, 2], 44: range(4), 45: [0, 2, 4, 6], 115: range(8), 116: [0, 2, 4, 6, 12, 14, 16, 18]}
     cells = [[row[i] for i in corner[kind]] for kind, row in every]
     largest = max(map(len, cells))
-    found = Found(places, np.array([cell for cell in cells if len(cell) == largest]))
+    full = np.array([row for (_, row), cell in zip(every, cells, strict=True) if len(cell) == largest])
+    found = Found(places, np.array([cell for cell in cells if len(cell) == largest]), cells=full)
     while groups:
         count = int(groups.pop(0).split()[7])
         name, rows = groups.pop(0), groups[: (count + 1) // 2]
@@ -259,13 +259,13 @@ def exodus(path: Path) -> Found:
     solid = "coordz" in v
     nodes = np.array([v[f"coord{axis}"] for axis in ("xyz" if solid else "xy")], dtype=np.float64).T
     order = v["elem_num_map"] - 1
-    blocks = [v[f"connect{i}"][:, : 8 if solid else 4] - 1 for i in range(1, len(names("eb")) + 1)]
+    blocks = [v[f"connect{i}"] - 1 for i in range(1, len(names("eb")) + 1)]
     listed = np.concatenate(blocks)
-    corners = np.empty_like(listed)
-    corners[order] = listed
+    cells = np.empty_like(listed)
+    cells[order] = listed
     assert set(kinds.values()) <= {"QUAD4", "QUAD8", "QUAD9", "HEX8", "HEX20"}
     assert all(name.startswith("HEX") == solid for name in kinds.values())
-    found = Found(nodes, corners.astype(np.int64))
+    found = Found(nodes, cells[:, : 8 if solid else 4].astype(np.int64), cells=cells)
     ends = np.cumsum([0, *map(len, blocks)])
     found.regions = {name: np.sort(order[a:b]) for name, a, b in zip(names("eb"), ends, ends[1:], strict=False)}
     local = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
@@ -298,9 +298,11 @@ def xdmf(path: Path) -> Found:
     edges = data(facets.find("Topology"), np.int64)[:, : 4 if solid else 2]
     nodes = data(cells.find("Geometry"), np.float64)
     assert nodes.tobytes() == data(facets.find("Geometry"), np.float64).tobytes()
+    elements = data(cells.find("Topology"), np.int64)
     return Found(
         nodes,
-        data(cells.find("Topology"), np.int64)[:, : 8 if solid else 4],
+        elements[:, : 8 if solid else 4],
+        cells=elements,
         sides={name: edges[rows] for name, rows in parts(facets).items()},
         regions=parts(cells),
     )
@@ -326,6 +328,9 @@ def mfem(path: Path) -> Found:
         assert rows[start + 5 : start + 7] == ["VDim: 2", "Ordering: 1"]
         places = rows[start + 7 :]
     found = Found(np.array([row.split() for row in places], dtype=np.float64), elements[:, 2:])
+    if "nodes" in where:
+        name = next(row for row in rows if row.startswith("FiniteElementCollection: "))
+        found.cells = continuous(elements[:, 2:], count, int(name.rpartition("P")[2]))
     assert elements[:, 2:].max() < count
     number = lambda about, name: next(i for key, i in names if key == about and names[key, i] == name)  # noqa: E731
     for (about, _), name in names.items():
@@ -336,6 +341,31 @@ def mfem(path: Path) -> Found:
     return found
 
 
+def continuous(corners: Ints, count: int, order: int) -> Ints:
+    """(m, (order + 1)^2): the values of a continuous function that elements have, row by row.
+
+    Values at vertices come first, then those inside edges, which are numbered as the elements have them first, each from
+    its lower vertex on, then those inside elements, row by row.
+    """
+    inner = order - 1
+    number: dict[frozenset[int], int] = {}
+    for row in corners.tolist():
+        for a, b in zip(row, (*row[1:], row[0]), strict=True):
+            number.setdefault(frozenset((a, b)), len(number))
+    found = np.empty((len(corners), order + 1, order + 1), dtype=np.int64)
+    for i, row in enumerate(corners.tolist()):
+        found[i, 0, 0], found[i, 0, order], found[i, order, order], found[i, order, 0] = row
+        walks = []
+        for a, b in zip(row, (*row[1:], row[0]), strict=True):
+            values = count + number[frozenset((a, b))] * inner + np.arange(inner)
+            walks.append(values if a < b else values[::-1])
+        found[i, 0, 1:order], found[i, 1:order, order] = walks[0], walks[1]
+        found[i, order, 1:order], found[i, 1:order, 0] = walks[2][::-1], walks[3][::-1]
+        first = count + len(number) * inner + i * inner * inner
+        found[i, 1:order, 1:order] = first + np.arange(inner * inner).reshape(inner, inner)
+    return found.reshape(len(corners), -1)
+
+
 def hohqmesh(path: Path) -> Found:
     """ISM-V2: nodes, edges and element blocks; what the edges say is held against the elements."""
     lines = path.read_text(encoding="ascii").splitlines()
@@ -343,7 +373,7 @@ def hohqmesh(path: Path) -> Found:
     n, e, m, order = map(int, lines.pop(0).split())
     nodes = np.array([[float(x) for x in lines.pop(0).split()] for _ in range(n)])
     edges = ints([lines.pop(0) for _ in range(e)])
-    corners, curves, found = [], {}, Found(nodes[:, :2], np.zeros((m, 4), dtype=np.int64))
+    corners, found = [], Found(nodes[:, :2], np.zeros((m, 4), dtype=np.int64))
     # The corners that sides 1 to 4 run from and to.
     ends = ((0, 1), (1, 2), (3, 2), (0, 3))
     outer: dict[str, list[list[int]]] = {}
@@ -354,7 +384,7 @@ def hohqmesh(path: Path) -> Found:
             if flag == "1":
                 curve = np.array([[float(x) for x in lines.pop(0).split()] for _ in range(order + 1)])
                 assert curve[[0, -1]].tolist() == nodes[[nodes_of[k] for k in ends[side]]].tolist()
-                curves[i, side] = curve
+                found.curves[i, side] = curve
         for side, name in enumerate(lines.pop(0).split()):
             if name != "---":
                 outer.setdefault(name, []).append([nodes_of[side], nodes_of[(side + 1) % 4]])

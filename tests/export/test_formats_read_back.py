@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from shapes import block, cracked, grid, holed, meshes, named
 
 from envs.mesh import Mesh
-from freemesh_ray.export import FORMATS, MSH_VERSIONS, write
+from freemesh_ray.export import FORMATS, MSH_VERSIONS, hohqmesh, write
 from freemesh_ray.export.element_kinds import ORDERS
 from freemesh_ray.export.finite_elements import FiniteElements
 from freemesh_ray.export.names import renamed
@@ -138,3 +139,84 @@ def test_every_boundary_edge_is_in_one_side_of_the_file(
 
 def test_every_format_with_parts_has_a_parser():
     assert set(PARSERS) == {suffix for suffix, form in FORMATS.items() if form.sides}
+
+
+# ---- the order of an element's nodes ---------------------------------------------------------------------------------
+
+BELOW, ABOVE, UPRIGHT = ["01", "12", "23", "30"], ["45", "56", "67", "74"], ["04", "15", "26", "37"]
+#: The nodes of an element, by its corners: one itself, the middle between two, or that of all.
+ORDER = {
+    (".inp", 8): ["0", "1", "2", "3", *BELOW],
+    (".bdf", 8): ["0", "1", "2", "3", *BELOW],
+    (".unv", 8): ["0", "01", "1", "12", "2", "23", "3", "30"],
+    (".e", 8): ["0", "1", "2", "3", *BELOW],
+    (".e", 9): ["0", "1", "2", "3", *BELOW, "0123"],
+    (".xdmf", 9): ["0", "1", "2", "3", *BELOW, "0123"],
+    (".mesh", 9): ["0", "01", "1", "30", "0123", "12", "3", "23", "2"],
+    (".inp", 20): [*"01234567", *BELOW, *ABOVE, *UPRIGHT],
+    (".xdmf", 20): [*"01234567", *BELOW, *ABOVE, *UPRIGHT],
+    (".bdf", 20): [*"01234567", *BELOW, *UPRIGHT, *ABOVE],
+    (".e", 20): [*"01234567", *BELOW, *UPRIGHT, *ABOVE],
+    (".unv", 20): [
+        "0",
+        "01",
+        "1",
+        "12",
+        "2",
+        "23",
+        "3",
+        "30",
+        "04",
+        "15",
+        "26",
+        "37",
+        "4",
+        "45",
+        "5",
+        "56",
+        "6",
+        "67",
+        "7",
+        "74",
+    ],
+}
+
+
+@pytest.mark.parametrize(("suffix", "nodes"), ORDER)
+def test_nodes_of_order_2_are_where_the_format_has_them(tmp_path: Path, suffix: str, nodes: int):
+    path = tmp_path / f"mesh{suffix}"
+    write(block(20), path) if nodes == 20 else write(named(), path, **options(nodes))
+    found = PARSERS[suffix](path)
+    corners = found.nodes[found.corners]
+    wanted = np.stack([corners[:, [int(c) for c in text]].mean(axis=1) for text in ORDER[suffix, nodes]], axis=1)
+    np.testing.assert_allclose(found.nodes[found.cells], wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_the_nodes_of_mfem_are_those_of_a_continuous_function(tmp_path: Path, order: int):
+    write(named(), tmp_path / "mesh.mesh", order=order)
+    found = PARSERS[".mesh"](tmp_path / "mesh.mesh")
+    places = [(i / order, j / order) for j in range(order + 1) for i in range(order + 1)]
+    shape = np.array([[(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y] for x, y in places])
+    wanted = np.einsum("kc,mcd->mkd", shape, found.nodes[found.corners])
+    np.testing.assert_allclose(found.nodes[found.cells], wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_curved_sides_of_ism_are_polynomials_at_chebyshev_points(tmp_path: Path, order: int):
+    flat, _ = renamed(plane_elements(named(), (order + 1) ** 2), FORMATS[".ism"].rule)
+    bend = lambda p: np.column_stack([p[:, 0] + 0.02 * p[:, 1] ** 2, p[:, 1]])  # noqa: E731
+    corners = flat.elements[:, :4].max() + 1
+    bent = np.concatenate([flat.nodes[:corners], bend(flat.nodes)[corners:]])
+    hohqmesh.write(replace(flat, nodes=bent), tmp_path / "mesh.ism")
+    hohqmesh_file = PARSERS[".ism"](tmp_path / "mesh.ism")
+    stations = (1 - np.cos(np.pi * np.arange(order + 1) / order)) / 2
+    assert len(hohqmesh_file.curves) == 4 * len(flat.elements)
+    for (element, side), curve in hohqmesh_file.curves.items():
+        a, b, *inner = flat.elements[element][list(flat.kind.sides[side])]
+        walked = bent[[a, *inner, b] if side < 2 else [b, *inner[::-1], a]]
+        for axis in (0, 1):
+            exact = np.polynomial.Polynomial.fit(np.arange(order + 1) / order, walked[:, axis], order)(stations)
+            np.testing.assert_allclose(curve[:, axis], exact, atol=1e-10)
+    write(named(), tmp_path / "straight.ism", order=order)
+    assert not PARSERS[".ism"](tmp_path / "straight.ism").curves
