@@ -116,7 +116,7 @@ def geometry_of(
         sources = [sources[half.of] for half in parts]
         drawing = to_the_left(drawing, axis)
     lines = laid(drawing, outlines, source)
-    faces = [Face(rings, NOWHERE, p) for p, rings in enumerate(outlines)]
+    faces = [Face(rings, NOWHERE, NOWHERE, p) for p, rings in enumerate(outlines)]
     if lines.divide:
         check_no_seams(outlines, sources)
         inside = [line.points for line in lines.inside]
@@ -138,7 +138,7 @@ def geometry_of(
         fine = discretised(
             valid, source, edge_length=edge_length, grading=grading, curvature=curvature,
             wanted=wanted if wanted is not None and len(wanted) else None,
-            size=within(size, outlines) if callable(size) else None, keep=lines.keep,
+            size=within(size, outlines) if callable(size) else None, keep=np.concatenate([lines.keep, *(face.marks for face in faces)]),
         )  # fmt: skip
         if edge_length is not None:
             deviations = [deviation(before, after) for before, after in zip(valid, fine, strict=True)]

@@ -30,11 +30,13 @@ class Face:
         rings: each (n, 2) float64, the inside to its left, the outer one first. Edges that are walked in both
             directions are lines.
         places: (m, 2) float64, points strictly inside that a node is to sit on.
+        marks: (k, 2) float64, vertices of the rings that places lie on: whoever discretises the rings keeps them.
         polygon: which polygon it is a part of.
     """
 
     rings: list[Floats]
     places: Floats
+    marks: Floats
     polygon: int
 
 
@@ -57,11 +59,12 @@ def divided(polygons: Sequence[Sequence[Floats]], lines: Sequence[Floats], place
     points = drawing.points
     inside = _inside(drawing, polygons)
     lone = _lone_places(drawing)
+    marked = np.setdiff1d(drawing.places, lone)
     where = _polygon_of(polygons, points[lone])
     faces = []
     for p, rings in enumerate(drawing.rings):
         walks = _walks(points, [_left(points, ring, r) for r, ring in enumerate(rings)], inside[p])
-        faces += _faces(points, walks, points[lone[where == p]], p)
+        faces += _faces(points, walks, points[lone[where == p]], marked, p)
     return faces
 
 
@@ -144,7 +147,7 @@ def _walks(points: Floats, rings: list[Ints], edges: Ints) -> list[Ints]:
     return found
 
 
-def _faces(points: Floats, walks: list[Ints], places: Floats, polygon: int) -> list[Face]:
+def _faces(points: Floats, walks: list[Ints], places: Floats, marked: Ints, polygon: int) -> list[Face]:
     """The faces that walks around the parts of a polygon bound."""
     areas = [_area(points, walk) for walk in walks]
     outer = [i for i, area in enumerate(areas) if area > 0.0]
@@ -154,7 +157,15 @@ def _faces(points: Floats, walks: list[Ints], places: Floats, polygon: int) -> l
     for walk, home in zip(inner, homes.tolist(), strict=True):
         within[home].append(walk)
     of_place = _homes(points, [walks[i] for i in outer], places, [])
-    return [Face([points[walk] for walk in face], places[of_place == f], polygon) for f, face in enumerate(within)]
+    return [
+        Face(
+            rings=[points[walk] for walk in face],
+            places=places[of_place == f],
+            marks=points[np.intersect1d(marked, np.concatenate(face))],
+            polygon=polygon,
+        )
+        for f, face in enumerate(within)
+    ]
 
 
 def _area(points: Floats, walk: Ints) -> float:

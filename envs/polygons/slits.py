@@ -132,14 +132,13 @@ def _bridges(points: Floats, part_of: Ints, edges: Ints, local: Floats, source: 
     def cost(i: int) -> float:
         return float(costs[i]) * (SHARED_VERTEX if pairs[i, 0] in taken else 1.0)
 
-    def choose(start: int, end: int, cost: float) -> None:
-        chosen.append(Bridge(start, end, cost))
+    def choose(start: int, end: int, price: float) -> None:
+        chosen.append(Bridge(start, end, price))
         joined.add(int(part_of[end]))
         taken.update((start, end))
         for j in leaving.get(int(part_of[end]), []):
-            heapq.heappush(waiting, (now(j), j))
+            heapq.heappush(waiting, (cost(j), j))
 
-    now = cost
     waiting = [(cost(i), i) for i in leaving.get(0, [])]
     heapq.heapify(waiting)
     while len(joined) < parts:

@@ -8,6 +8,7 @@ others only where a line ends on a segment, and one more where that makes a tota
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -150,7 +151,7 @@ def even(faces: Sequence[Face], source: str) -> list[Face]:
     if chosen is None:
         raise DomainError(f"{source}: polygons that share all of their boundary with two others; remove copies of them")
     middles = {keys[i]: 0.5 * (ends[i, :2] + ends[i, 2:]) for i in chosen}
-    return [Face([_with_middles(ring, middles) for ring in face.rings], face.places, face.polygon) for face in faces]
+    return [replace(face, rings=[_with_middles(ring, middles) for ring in face.rings]) for face in faces]
 
 
 def _with_middles(ring: Floats, middles: dict[tuple[float, ...], Floats]) -> Floats:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from envs.mesh import Mesh
 from envs.types import Floats, Ints
@@ -26,6 +25,8 @@ def renumbered(mesh: Mesh, held: Ints, places: Floats, kept: int) -> Mesh | None
     Returns:
         The mesh, its vertices where they were; None when two places have no vertices of their own nearby.
     """
+    from scipy.spatial import cKDTree  # a quarter of a second that meshes without places need not wait
+
     n = len(mesh.vertices)
     free = np.zeros(n, dtype=np.bool_)
     free[mesh.quads.ravel()] = True
@@ -45,7 +46,7 @@ def renumbered(mesh: Mesh, held: Ints, places: Floats, kept: int) -> Mesh | None
     vertices = [chosen[i] for i in range(len(held))]
     number = np.arange(n)
     displaced = [v for v in held.tolist() if v not in vertices]
-    freed = [v for v in vertices if v not in held]
+    freed = [v for v in vertices if v not in held.tolist()]
     number[vertices] = held
     number[displaced] = freed
     moved = np.empty_like(mesh.vertices)
