@@ -118,9 +118,9 @@ class Pen:
             self.line(points[-1])
             return
         self.begin()
-        controls = self.transform.places(points)
-        curve = ParametricCurve(Bezier(controls), np.array([0.0, 1.0]))
-        self.add(Piece(controls[[0, -1]], curve, (0.0, 1.0)), points[-1])
+        placed = self.transform.places(points)
+        curve = ParametricCurve(Bezier(placed), np.array([0.0, 1.0]))
+        self.add(Piece(placed[[0, -1]], curve, (0.0, 1.0)), points[-1])
 
     def arc(self, radii: Floats, turned: float, large: bool, sweeping: bool, to: Floats) -> None:
         """An arc of an ellipse from here, as SVG 1.1 states it (its appendix F.6)."""

@@ -141,7 +141,7 @@ HOSTILE: dict[str, tuple[str, Callable[[], str], str | None]] = {
         ".svg", lambda: "<svg><path d='M0 0" + "c1 2 3 4 5 5" * 210_000 + "'/></svg>", "more than 200,000 curves"),
     "a path of many lines": (
         ".svg", lambda: "<svg><path d='M0 0" + "h1v1" * 510_000 + "'/></svg>", "at most 1,000,000 are possible"),
-    "many words for numbers": (".svg", lambda: "<svg><polygon points='" + "x " * 500_000 + "'/></svg>", "no list of num"),
+    "many words for numbers": (".svg", lambda: "<svg><polygon points='" + "x " * 500_000 + "'/></svg>", "no list of num"),  # noqa: E501
     "a spline of a high degree": (".dxf", lambda: dxf(spline(500)), "a spline of degree 500, at most 25"),
     "nodes that are not there": (
         ".msh", lambda: mesh(4, "1 1 2 0 1 1 2\n").replace("$Nodes\n4", "$Nodes\n1000000000"), "ends too early"),
