@@ -138,7 +138,8 @@ def geometry_of(
         fine = discretised(
             valid, source, edge_length=edge_length, grading=grading, curvature=curvature,
             wanted=wanted if wanted is not None and len(wanted) else None,
-            size=within(size, outlines) if callable(size) else None, keep=np.concatenate([lines.keep, *(face.marks for face in faces)]),
+            size=within(size, outlines) if callable(size) else None,
+            keep=np.concatenate([lines.keep, *(face.marks for face in faces)]),
         )  # fmt: skip
         if edge_length is not None:
             deviations = [deviation(before, after) for before, after in zip(valid, fine, strict=True)]

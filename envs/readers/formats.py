@@ -43,8 +43,8 @@ FORMATS = (
     ),
     Format(
         "DXF", (".dxf",), "dxf",
-        "LINE, LWPOLYLINE, POLYLINE (with bulges), ARC, CIRCLE, ELLIPSE, SPLINE, also in inserted blocks, on the layers "
-        "asked for, or those that are neither off nor frozen",
+        "LINE, LWPOLYLINE, POLYLINE (with bulges), ARC, CIRCLE, ELLIPSE, SPLINE, also in inserted blocks, on the "
+        "layers asked for, or those that are neither off nor frozen",
         most_bytes=20_000_000,
     ),
     Format(

@@ -344,8 +344,8 @@ def mfem(path: Path) -> Found:
 def continuous(corners: Ints, count: int, order: int) -> Ints:
     """(m, (order + 1)^2): the values of a continuous function that elements have, row by row.
 
-    Values at vertices come first, then those inside edges, which are numbered as the elements have them first, each from
-    its lower vertex on, then those inside elements, row by row.
+    Values at vertices come first, then those inside edges, which are numbered as the elements have them first, each
+    from its lower vertex on, then those inside elements, row by row.
     """
     inner = order - 1
     number: dict[frozenset[int], int] = {}
