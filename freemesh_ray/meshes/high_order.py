@@ -1,0 +1,211 @@
+"""Elements of order 2 and more: nodes along the sides, on the curves where there are any, and inside.
+
+Node (i, j) of an element of order k, its row j and its place i in it::
+
+    d . . c       j = k        a row runs along the first side, ab
+    . . . .
+    a . . b       j = 0
+
+Nodes on a curve are as far apart along it. Those inside follow from the sides by transfinite interpolation (Gordon,
+Hall: Construction of curvilinear co-ordinate systems, Int. J. Numer. Methods Eng. 7, 1973), which keeps the order of the
+error: derivatives of the map along a direction are no larger than those of the sides. Where a curved side turns its
+element over, the bend is carried on into the elements behind it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from envs.mesh import Mesh, sides
+from envs.types import Floats, Ints
+from freemesh_ray.meshes import lagrange
+from freemesh_ray.meshes.jacobian import least_jacobian
+from freemesh_ray.meshes.lifting import lifted
+
+#: Rows of elements around one that is turned over that the bend may be carried into, tried one after the other.
+ROWS = (0, 1, 2, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class HighOrder:
+    """A mesh with nodes for elements of an order.
+
+    Attributes:
+        order: k >= 1.
+        nodes: (n, 2) float64: the mesh's vertices in their order, then those on the edges, then those inside.
+        elements: (m, (k + 1)^2) int64 in tensor-product order, row by row along an element's first side.
+        stations: (k + 1,) float64, places of the nodes along a side, from 0 to 1.
+        spoiled: (s,) int64: elements whose Jacobian determinant is not positive everywhere.
+        bent: (b,) int64: elements behind a curve whose straight sides were bent so that fewer are.
+    """
+
+    order: int
+    nodes: Floats
+    elements: Ints
+    stations: Floats
+    spoiled: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    bent: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def grid(self) -> Ints:
+        """(m, k + 1, k + 1) int64: the elements' nodes, [:, j, i]."""
+        return self.elements.reshape(-1, self.order + 1, self.order + 1)
+
+    @property
+    def around(self) -> Ints:
+        """(m, 4 k) int64: the nodes of every element's sides: the corners, then those inside each side, ab to da.
+
+        Of order 2 this is the element of eight nodes. A side's nodes are in the order of the walk round the element.
+        """
+        g, k = self.grid, self.order
+        corners = np.stack([g[:, 0, 0], g[:, 0, k], g[:, k, k], g[:, k, 0]], axis=1)
+        inner = slice(1, k)
+        walked = [g[:, 0, inner], g[:, inner, k], g[:, k, inner][:, ::-1], g[:, inner, 0][:, ::-1]]
+        return np.concatenate([corners, *walked], axis=1)
+
+    @property
+    def serendipity(self) -> tuple[Floats, Ints]:
+        """The nodes without those inside elements, and the elements of 4 k nodes, see ``around``; k = 2 or 3."""
+        return self.nodes[: len(self.nodes) - len(self.elements) * (self.order - 1) ** 2], self.around
+
+
+def high_order(mesh: Mesh, order: int, stations: Floats | None = None) -> HighOrder:
+    """The nodes and elements of an order.
+
+    Args:
+        mesh: complete or not.
+        order: at least 1.
+        stations: (order + 1,) places of the nodes along a side, ascending from 0 to 1 and symmetric; by default as far
+            apart as each other.
+    """
+    at = lagrange.equal(order) if stations is None else np.asarray(stations, dtype=np.float64)
+    edges, edge_of = distinct_edges(mesh.quads)
+    on_curve = curve_of(mesh, edges)
+    elements = numbered(mesh, order, edge_of, len(edges))
+    inner = at[1:-1]
+    ends = mesh.vertices[edges]
+    along = ends[:, :1] * (1.0 - inner)[:, None] + ends[:, 1:] * inner[:, None]
+    for c, curve in enumerate(mesh.curved.curves):
+        mine = on_curve == c
+        if mine.any():
+            along[mine] = curve.between(ends[mine, 0], ends[mine, 1], inner)
+    nodes = np.concatenate([mesh.vertices, along.reshape(-1, 2), np.empty((len(elements) * (order - 1) ** 2, 2))])
+    fill(nodes, elements, at)
+    if order == 1:
+        return HighOrder(order, nodes, elements, at)
+    touched = np.flatnonzero((on_curve >= 0)[edge_of].any(axis=1))
+    spoiled = touched[least_jacobian(nodes, elements[touched], at) <= 0.0]
+    if not len(spoiled):
+        return HighOrder(order, nodes, elements, at)
+    return mended(HighOrder(order, nodes, elements, at, spoiled), mesh, edge_of, fixed_edges(mesh, edges, on_curve))
+
+
+def spoiled(mesh: Mesh, order: int) -> Ints:
+    """(s,) int64: elements whose curved sides turn them over somewhere, whatever is done with the nodes inside.
+
+    The curve is to have more vertices there.
+    """
+    return high_order(mesh, order).spoiled
+
+
+def distinct_edges(quads: Ints) -> tuple[Ints, Ints]:
+    """Distinct edges (e, 2) int64, the lower vertex first and ascending, and those of every element's sides, (m, 4)."""
+    ends = np.sort(sides(quads).reshape(-1, 2), axis=1).astype(np.int64)
+    base = int(ends.max(initial=0)) + 1
+    keys, which = np.unique(ends[:, 0] * base + ends[:, 1], return_inverse=True)
+    return np.stack(np.divmod(keys, base), axis=1), which.reshape(-1, 4)
+
+
+def curve_of(mesh: Mesh, edges: Ints) -> Ints:
+    """(e,) int64: which curve each of the edges, lower vertex first and ascending, lies on; -1: none."""
+    found = np.full(len(edges), -1, dtype=np.int64)
+    at, known = positions(np.sort(mesh.curved.edges, axis=1), edges)
+    found[at[known]] = mesh.curved.curve_of[known]
+    return found
+
+
+def positions(wanted: Ints, edges: Ints) -> tuple[Ints, np.ndarray]:
+    """(w,) where wanted edges are among ascending ones, lower vertices first, and whether they are, (w,) bool."""
+    if not len(edges) or not len(wanted):
+        return np.zeros(len(wanted), dtype=np.int64), np.zeros(len(wanted), dtype=bool)
+    base = int(max(edges.max(), wanted.max())) + 1
+    keys, mine = edges[:, 0] * base + edges[:, 1], wanted[:, 0] * base + wanted[:, 1]
+    at = np.minimum(np.searchsorted(keys, mine), len(keys) - 1)
+    return at, keys[at] == mine
+
+
+def fixed_edges(mesh: Mesh, edges: Ints, on_curve: Ints) -> np.ndarray:
+    """(e,) bool: edges that keep their shape: those of the boundary, of curves and of lines inside."""
+    counts = np.bincount(positions(np.sort(sides(mesh.quads).reshape(-1, 2), axis=1), edges)[0], minlength=len(edges))
+    fixed = (counts == 1) | (on_curve >= 0)
+    for line in mesh.groups.lines.values():
+        at, known = positions(np.sort(line, axis=1), edges)
+        fixed[at[known]] = True
+    return fixed
+
+
+def numbered(mesh: Mesh, order: int, edge_of: Ints, edges: int) -> Ints:
+    """(m, (k + 1)^2) int64: the numbers of every element's nodes."""
+    m, k, first = len(mesh.quads), order, len(mesh.vertices)
+    grid = np.empty((m, k + 1, k + 1), dtype=np.int64)
+    a, b, c, d = mesh.quads.T
+    grid[:, 0, 0], grid[:, 0, k], grid[:, k, k], grid[:, k, 0] = a, b, c, d
+    along = first + edge_of[:, :, None] * (k - 1) + np.arange(k - 1)
+    # An edge's nodes begin at its lower vertex.
+    ends = sides(mesh.quads)
+    along = np.where((ends[..., 0] > ends[..., 1])[..., None], along[..., ::-1], along)
+    grid[:, 0, 1:k], grid[:, 1:k, k] = along[:, 0], along[:, 1]
+    grid[:, k, 1:k], grid[:, 1:k, 0] = along[:, 2, ::-1], along[:, 3, ::-1]
+    inside = first + edges * (k - 1) + np.arange(m * (k - 1) ** 2)
+    grid[:, 1:k, 1:k] = inside.reshape(m, k - 1, k - 1)
+    return grid.reshape(m, -1)
+
+
+def fill(nodes: Floats, elements: Ints, stations: Floats) -> None:
+    """Put the nodes inside elements where the sides say, in place."""
+    k = len(stations) - 1
+    grid = elements.reshape(-1, k + 1, k + 1)
+    p = nodes[grid]
+    x, y = stations[1:-1, None], stations[1:-1, None, None]
+    south, north, west, east = p[:, :1, 1:k], p[:, k:, 1:k], p[:, 1:k, :1], p[:, 1:k, k:]
+    corners = (1 - y) * ((1 - x) * p[:, :1, :1] + x * p[:, :1, k:]) + y * ((1 - x) * p[:, k:, :1] + x * p[:, k:, k:])
+    nodes[grid[:, 1:k, 1:k]] = (1 - y) * south + y * north + (1 - x) * west + x * east - corners
+
+
+def mended(found: HighOrder, mesh: Mesh, edge_of: Ints, fixed: np.ndarray) -> HighOrder:
+    """The nodes with bends carried into the elements around those that are turned over, where that rights them.
+
+    Args:
+        found: with elements that are spoiled.
+        mesh: whose elements they are.
+        edge_of: (m, 4) the edges of their sides.
+        fixed: (e,) bool, edges whose nodes stay.
+    """
+    nodes, bent, left = found.nodes, np.zeros(0, dtype=np.int64), found.spoiled
+    for rows in ROWS:
+        patch = grown(mesh.quads, left, rows)
+        within = np.bincount(edge_of[patch].ravel(), minlength=len(fixed))
+        used = np.bincount(edge_of.ravel(), minlength=len(fixed))
+        free = (within == used) & (within > 0) & ~fixed
+        moved = lifted(nodes, found.elements, mesh.quads, patch, edge_of, free, found.stations)
+        least = least_jacobian(moved, found.elements[patch], found.stations)
+        still = patch[least <= 0.0]
+        if len(still) < len(left):
+            nodes, bent = moved, np.union1d(bent, patch)
+            left = still
+        if not len(left):
+            break
+    return HighOrder(found.order, nodes, found.elements, found.stations, left, bent)
+
+
+def grown(quads: Ints, elements: Ints, rows: int) -> Ints:
+    """(p,) int64, ascending: elements and as many rows of those that touch them."""
+    vertices = np.zeros(int(quads.max()) + 1, dtype=bool)
+    chosen = np.zeros(len(quads), dtype=bool)
+    chosen[elements] = True
+    for _ in range(rows):
+        vertices[quads[chosen].ravel()] = True
+        chosen |= vertices[quads].any(axis=1)
+    return np.flatnonzero(chosen)
