@@ -16,7 +16,7 @@ import shapely
 from envs.drawing import Line
 from envs.mesh import STRAIGHT, CurvedEdges
 from envs.polygons.rings import extent
-from envs.types import RELATIVE_TOLERANCE, Floats, Ints
+from envs.types import Floats, Ints
 
 #: A vertex is on a curve when it is no further from it than the chords that it was flattened to, and this share of them,
 SLACK = 1.1
@@ -26,6 +26,9 @@ JOINED = 1e-6
 
 #: The curve's middle is no further from that of its edge than this share of the edge's length: 1/2 is a half circle.
 BULGE = 0.45
+
+#: A vertex is moved when it is further from where it should be than this share of the coordinates: rounding is less.
+ROUNDING = 1e-14
 
 #: Where between its ends a curve is compared with an edge and an outline.
 BETWEEN = np.array([0.25, 0.5, 0.75])
@@ -90,13 +93,14 @@ def curved_edges(
 def on_curves(points: Floats, curved: CurvedEdges) -> Floats:
     """(p, 2) float64: the points, the ends of curved edges moved to the nearest place of their curve.
 
-    Those of two curves, and those that are within the tolerance of where they should be, stay as they are.
+    Those of two curves, and those that are there but for rounding, stay as they are. Meshes that share vertices are to
+    be given together, so that both keep sharing them.
     """
     moved = np.array(points, dtype=np.float64)
     pairs = np.unique(np.stack([curved.edges.ravel(), np.repeat(curved.curve_of, 2)], axis=1), axis=0)
     several = np.bincount(pairs[:, 0], minlength=len(points)) > 1
     pairs = pairs[~several[pairs[:, 0]]]
-    tolerance = RELATIVE_TOLERANCE * extent(points) if len(points) else 0.0
+    tolerance = ROUNDING * float(np.abs(points).max(initial=0.0))
     for c, curve in enumerate(curved.curves):
         mine = pairs[pairs[:, 1] == c, 0]
         places = curve.at(curve.nearest(points[mine])) if len(mine) else points[mine]

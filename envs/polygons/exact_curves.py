@@ -17,7 +17,7 @@ import shapely
 from numpy.polynomial import chebyshev
 
 from envs.polygons.turning import signed_angles
-from envs.types import Floats
+from envs.types import Floats, Ints
 
 #: Ends of a curve closer than this share of its length are one place, a sweep as close to a full turn is one.
 CLOSES = 1e-6
@@ -194,22 +194,38 @@ class Sampled(ABC):
         curve the way is the shorter one.
         """
         start, way = self.way(self.nearest(a), self.nearest(b))
-        x, derivative, integral, vandermonde = stations()
-        places = self.place((start[:, None] + way[:, None] * x).ravel()).reshape(len(start), STATIONS, 2)
+        # From the lower parameter to the higher one, in pieces without a break.
+        low, high = np.minimum(start, start + way), np.maximum(start, start + way)
+        at, owner = self.pieces(low, high)
+        x, derivative, integral, to_coefficients = stations()
+        places = self.place((at[:, :1] + (at[:, 1:] - at[:, :1]) * x).ravel()).reshape(len(at), STATIONS, 2)
         speed = np.linalg.norm(np.einsum("ij,mjk->mik", derivative, places), axis=2)
-        length = speed @ integral.T
-        whole = np.where(length[:, -1:] > 0.0, length[:, -1:], 1.0)
-        length, speed = np.maximum.accumulate(length / whole, axis=1), speed / whole
-        wanted = np.broadcast_to(np.asarray(fractions, dtype=np.float64), (len(start), len(fractions)))
-        share = np.stack([np.interp(fractions, row, x) for row in length]) if len(start) else np.empty(wanted.shape)
-        c_length, c_speed = (np.ascontiguousarray(np.linalg.solve(vandermonde, v.T)) for v in (length, speed))
-        for _ in range(STEPS):
-            basis = chebyshev.chebvander(2.0 * share - 1.0, STATIONS - 1)
-            off = np.einsum("mfk,km->mf", basis, c_length) - wanted
-            rate = np.einsum("mfk,km->mf", basis, c_speed)
-            step = np.divide(off, rate, out=np.zeros_like(off), where=rate > 0.0)
-            share = np.clip(share - np.clip(step, -0.1, 0.1), 0.0, 1.0)
-        return self.place((start[:, None] + way[:, None] * share).ravel()).reshape(*share.shape, 2)
+        length = np.maximum.accumulate(speed @ integral.T, axis=1)
+        ends = np.append(0.0, np.cumsum(length[:, -1]))
+        mine = np.arange(len(low))
+        first, last = np.searchsorted(owner, mine, "left"), np.searchsorted(owner, mine, "right")
+        forward = np.broadcast_to(np.asarray(fractions, dtype=np.float64), (len(low), len(fractions)))
+        share = np.where(way[:, None] < 0.0, 1.0 - forward, forward)
+        reach = ends[first, None] + share * (ends[last] - ends[first])[:, None]
+        piece = np.clip(np.searchsorted(ends, reach, "right") - 1, first[:, None], last[:, None] - 1)
+        t = share_of_piece(length, speed, piece.ravel(), (reach - ends[piece]).ravel(), to_coefficients)
+        begins, ends = at[piece.ravel()].T
+        return self.place(begins + (ends - begins) * t).reshape(*share.shape, 2)
+
+    def pieces(self, low: Floats, high: Floats) -> tuple[Floats, Ints]:
+        """(p, 2) the ways from (m,) parameters to higher ones, cut where the curve is not smooth; (p,) whose each is."""
+        breaks = self.bounds
+        if self.closed:
+            period = breaks[-1] - breaks[0]
+            breaks = np.concatenate([breaks[:-1] - period, breaks, breaks[1:] + period])
+        first, last = np.searchsorted(breaks, low, "right"), np.searchsorted(breaks, high, "left")
+        count = np.maximum(last - first, 0) + 1
+        owner = np.repeat(np.arange(len(low)), count)
+        number = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+        inner = first[owner] + number
+        begins = np.where(number == 0, low[owner], breaks[np.clip(inner - 1, 0, len(breaks) - 1)])
+        ends = np.where(number == count[owner] - 1, high[owner], breaks[np.minimum(inner, len(breaks) - 1)])
+        return np.stack([begins, ends], axis=1), owner
 
     def way(self, first: Floats, last: Floats) -> tuple[Floats, Floats]:
         """Where the way between (m,) parameters begins, and by how much the parameter changes along it, (m,) each."""
@@ -303,6 +319,33 @@ def arc_between(a: Floats, b: Floats, sweep: float) -> CircleArc:
     return CircleArc(centre, radius, float(np.arctan2(*(a - centre)[::-1])), sweep)
 
 
+def share_of_piece(length: Floats, speed: Floats, piece: Ints, reach: Floats, to_coefficients: Floats) -> Floats:
+    """(n,) shares, 0 to 1, of a piece's parameters after which its length has been walked to some reach.
+
+    Args:
+        length: (p, STATIONS) lengths walked at each station of every piece.
+        speed: (p, STATIONS) their derivatives there.
+        piece: (n,) int64, which piece is walked.
+        reach: (n,) how far.
+        to_coefficients: what makes Chebyshev coefficients of values at stations.
+    """
+    x = stations()[0]
+    walked = length[piece]
+    after = np.clip((walked <= reach[:, None]).sum(axis=1), 1, STATIONS - 1)
+    rows = np.arange(len(piece))
+    step = walked[rows, after] - walked[rows, after - 1]
+    over = np.divide(reach - walked[rows, after - 1], step, out=np.zeros_like(step), where=step > 0.0)
+    share = x[after - 1] + np.clip(over, 0.0, 1.0) * (x[after] - x[after - 1])
+    c_length, c_speed = walked @ to_coefficients.T, speed[piece] @ to_coefficients.T
+    for _ in range(STEPS):
+        basis = chebyshev.chebvander(2.0 * share - 1.0, STATIONS - 1)
+        rate = (basis * c_speed).sum(axis=1)
+        off = (basis * c_length).sum(axis=1) - reach
+        change = np.divide(off, rate, out=np.zeros_like(off), where=rate > 0.0)
+        share = np.clip(share - np.clip(change, -0.1, 0.1), 0.0, 1.0)
+    return share
+
+
 def shorter(change: Floats, period: float) -> Floats:
     """Changes of a parameter that comes round, -period to period, the shorter way: -period / 2 to period / 2."""
     return np.where(np.abs(change) > 0.5 * period * (1.0 + CLOSES), change - np.copysign(period, change), change)
@@ -312,10 +355,8 @@ def shorter(change: Floats, period: float) -> Floats:
 def stations() -> tuple[Floats, Floats, Floats, Floats]:
     """Chebyshev's points in [0, 1], and what makes of values there derivatives, integrals from 0, and coefficients."""
     x = chebyshev.chebpts2(STATIONS)
-    vandermonde = chebyshev.chebvander(x, STATIONS - 1)
-    to_coefficients = np.linalg.inv(vandermonde)
-    derivative = 2.0 * chebyshev.chebvander(x, STATIONS - 2) @ chebyshev.chebder(np.eye(STATIONS)) @ to_coefficients
-    integral = (
-        0.5 * chebyshev.chebvander(x, STATIONS) @ chebyshev.chebint(np.eye(STATIONS), lbnd=-1.0) @ to_coefficients
-    )
-    return 0.5 * (x + 1.0), derivative, integral, vandermonde
+    to_coefficients = np.linalg.inv(chebyshev.chebvander(x, STATIONS - 1))
+    slopes, sums = chebyshev.chebder(np.eye(STATIONS)), chebyshev.chebint(np.eye(STATIONS), lbnd=-1.0)
+    derivative = 2.0 * chebyshev.chebvander(x, STATIONS - 2) @ slopes @ to_coefficients
+    integral = 0.5 * chebyshev.chebvander(x, STATIONS) @ sums @ to_coefficients
+    return 0.5 * (x + 1.0), derivative, integral, to_coefficients

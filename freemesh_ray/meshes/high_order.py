@@ -8,13 +8,18 @@ Node (i, j) of an element of order k, its row j and its place i in it::
 
 Nodes on a curve are as far apart along it. Those inside follow from the sides by transfinite interpolation (Gordon,
 Hall: Construction of curvilinear co-ordinate systems, Int. J. Numer. Methods Eng. 7, 1973), which keeps the order of the
-error: derivatives of the map along a direction are no larger than those of the sides. Where a curved side turns its
-element over, the bend is carried on into the elements behind it.
+error: derivatives of the map along a direction are no larger than those of the sides.
+
+Where a curved side turns its element over, the bend is first carried into the nodes inside, then into the elements
+behind. That does not help where the angle between two curved sides is a straight one, as at a smooth curve's vertex of
+one element: there the nodes of the two sides leave the curve towards their chords, by as little as makes the
+determinant positive. It takes about as much as the polynomials are off the curve anyway, so the order of the error
+stays. What no such step rights is told, so that the curve gets more vertices there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,7 +30,15 @@ from freemesh_ray.meshes.jacobian import least_jacobian
 from freemesh_ray.meshes.lifting import lifted
 
 #: Rows of elements around one that is turned over that the bend may be carried into, tried one after the other.
-ROWS = (0, 1, 2, 4)
+ROWS = (0, 1, 2, 4, 8, 16)
+
+#: How far nodes may leave a curve, as shares of their way to the chord, tried one after the other.
+EASING = tuple(4.0**-i for i in range(20, 1, -1))
+
+#: A determinant counts as positive from this share of its mean on: what is less is rounding.
+POSITIVE = 1e-9
+
+NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +52,18 @@ class HighOrder:
         stations: (k + 1,) float64, places of the nodes along a side, from 0 to 1.
         spoiled: (s,) int64: elements whose Jacobian determinant is not positive everywhere.
         bent: (b,) int64: elements behind a curve whose straight sides were bent so that fewer are.
+        eased: (c,) int64: elements whose curved sides left the curve so that they are not.
+        off_curve: how far a node is from its curve at most, in the mesh's units; 0 unless sides were eased.
     """
 
     order: int
     nodes: Floats
     elements: Ints
     stations: Floats
-    spoiled: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    bent: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    spoiled: Ints = field(default_factory=NONE.copy)
+    bent: Ints = field(default_factory=NONE.copy)
+    eased: Ints = field(default_factory=NONE.copy)
+    off_curve: float = 0.0
 
     @property
     def grid(self) -> Ints:
@@ -96,10 +113,12 @@ def high_order(mesh: Mesh, order: int, stations: Floats | None = None) -> HighOr
     if order == 1:
         return HighOrder(order, nodes, elements, at)
     touched = np.flatnonzero((on_curve >= 0)[edge_of].any(axis=1))
-    spoiled = touched[least_jacobian(nodes, elements[touched], at) <= 0.0]
+    spoiled = touched[least_jacobian(nodes, elements[touched], at) < POSITIVE]
     if not len(spoiled):
         return HighOrder(order, nodes, elements, at)
-    return mended(HighOrder(order, nodes, elements, at, spoiled), mesh, edge_of, fixed_edges(mesh, edges, on_curve))
+    found = HighOrder(order, nodes, elements, at, spoiled)
+    found = lifted_where_spoiled(found, mesh.quads, edge_of, fixed_edges(mesh, edges, on_curve))
+    return eased_where_spoiled(found, mesh, edges, edge_of, on_curve >= 0)
 
 
 def spoiled(mesh: Mesh, order: int) -> Ints:
@@ -174,30 +193,69 @@ def fill(nodes: Floats, elements: Ints, stations: Floats) -> None:
     nodes[grid[:, 1:k, 1:k]] = (1 - y) * south + y * north + (1 - x) * west + x * east - corners
 
 
-def mended(found: HighOrder, mesh: Mesh, edge_of: Ints, fixed: np.ndarray) -> HighOrder:
+def lifted_where_spoiled(found: HighOrder, quads: Ints, edge_of: Ints, fixed: np.ndarray) -> HighOrder:
     """The nodes with bends carried into the elements around those that are turned over, where that rights them.
 
     Args:
         found: with elements that are spoiled.
-        mesh: whose elements they are.
+        quads: (m, 4) their corners.
         edge_of: (m, 4) the edges of their sides.
         fixed: (e,) bool, edges whose nodes stay.
     """
-    nodes, bent, left = found.nodes, np.zeros(0, dtype=np.int64), found.spoiled
+    nodes, bent, left = found.nodes, found.bent, found.spoiled
+    used = np.bincount(edge_of.ravel(), minlength=len(fixed))
     for rows in ROWS:
-        patch = grown(mesh.quads, left, rows)
+        patch = grown(quads, left, rows)
         within = np.bincount(edge_of[patch].ravel(), minlength=len(fixed))
-        used = np.bincount(edge_of.ravel(), minlength=len(fixed))
-        free = (within == used) & (within > 0) & ~fixed
-        moved = lifted(nodes, found.elements, mesh.quads, patch, edge_of, free, found.stations)
-        least = least_jacobian(moved, found.elements[patch], found.stations)
-        still = patch[least <= 0.0]
+        free = (within == used) & ~fixed
+        moved = lifted(nodes, found.elements, quads, patch, edge_of, free, found.stations)
+        still = patch[least_jacobian(moved, found.elements[patch], found.stations) < POSITIVE]
         if len(still) < len(left):
-            nodes, bent = moved, np.union1d(bent, patch)
-            left = still
+            nodes, bent, left = moved, np.union1d(bent, patch), still
         if not len(left):
             break
-    return HighOrder(found.order, nodes, found.elements, found.stations, left, bent)
+    return replace(found, nodes=nodes, spoiled=left, bent=bent)
+
+
+def eased_where_spoiled(found: HighOrder, mesh: Mesh, edges: Ints, edge_of: Ints, curved: np.ndarray) -> HighOrder:
+    """The nodes of curved sides closer to the chords, of elements that are turned over and that this rights.
+
+    Args:
+        found: where bends were carried on already.
+        mesh: whose elements they are.
+        edges: (e, 2) distinct edges.
+        edge_of: (m, 4) those of the elements' sides.
+        curved: (e,) bool, those on curves.
+    """
+    k, inner = found.order, found.stations[1:-1, None]
+    nodes, left, shares = found.nodes.copy(), found.spoiled, np.zeros(len(edges))
+
+    def lay(those: Ints) -> Ints:
+        """Put the nodes of some edges where their shares say; the elements that see it."""
+        numbers = len(mesh.vertices) + those[:, None] * (k - 1) + np.arange(k - 1)
+        chord = (1.0 - inner) * mesh.vertices[edges[those, 0], None] + inner * mesh.vertices[edges[those, 1], None]
+        share = shares[those, None, None]
+        nodes[numbers] = (1.0 - share) * found.nodes[numbers] + share * chord
+        seen = np.flatnonzero(np.isin(edge_of, those).any(axis=1))
+        fill(nodes, found.elements[seen], found.stations)
+        off[those] = np.linalg.norm(nodes[numbers] - found.nodes[numbers], axis=2).max(axis=1)
+        return seen
+
+    off = np.zeros(len(edges))
+    for share in EASING:
+        if not len(left):
+            break
+        those = np.unique(edge_of[left])
+        those = those[curved[those]]
+        shares[those] = share
+        seen = lay(those)
+        left = seen[least_jacobian(nodes, found.elements[seen], found.stations) < POSITIVE]
+    kept = np.unique(edge_of[left])
+    kept = kept[shares[kept] > 0.0]
+    shares[kept] = 0.0
+    lay(kept)
+    eased = np.flatnonzero((shares[edge_of] > 0.0).any(axis=1))
+    return replace(found, nodes=nodes, spoiled=left, eased=eased, off_curve=float(off.max(initial=0.0)))
 
 
 def grown(quads: Ints, elements: Ints, rows: int) -> Ints:
