@@ -18,10 +18,10 @@ from envs.mesh import STRAIGHT, CurvedEdges
 from envs.polygons.rings import extent
 from envs.types import Floats, Ints
 
-#: A vertex is on a curve when it is no further from it than the chords that it was flattened to, and this share of them,
+#: A vertex is on a curve when it is no further from it than the chords that it was flattened to, times this, ...
 SLACK = 1.1
 
-#: and this share of the extent: where ends nearly met, one of them was moved onto the other.
+#: ... and this share of the extent: where ends nearly met, one of them was moved onto the other.
 JOINED = 1e-6
 
 #: The curve's middle is no further from that of its edge than this share of the edge's length: 1/2 is a half circle.
@@ -118,7 +118,9 @@ def sagitta(line: Line) -> float:
 
 def closes(line: Line) -> bool:
     """Whether the line ends where it begins."""
-    return len(line.points) > 2 and bool(np.linalg.norm(line.points[0] - line.points[-1]) <= JOINED * extent(line.points))
+    return len(line.points) > 2 and bool(
+        np.linalg.norm(line.points[0] - line.points[-1]) <= JOINED * extent(line.points)
+    )
 
 
 def segments_of(ring: Floats) -> np.ndarray:

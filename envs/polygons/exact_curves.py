@@ -180,8 +180,11 @@ class Sampled(ABC):
             return (off * tangent).sum(axis=-1)
 
         found = find_root(leaning, (first, last), args=(*points.T, TANGENT * (last - first))).x
-        # Without a place where it is square the nearest one is an end.
-        choices = np.stack([np.where(np.isfinite(found), found, first), first, last])
+        # Without a place where it is square the nearest one is an end; where several are, the chord's place may be best.
+        a, b = self.table.points[chord], self.table.points[chord + 1]
+        share = ((points - a) * (b - a)).sum(axis=1) / np.maximum(((b - a) ** 2).sum(axis=1), np.finfo(np.float64).tiny)
+        beside = t[chord] + np.clip(share, 0.0, 1.0) * (t[chord + 1] - t[chord])
+        choices = np.stack([np.where(np.isfinite(found), found, beside), beside, first, last])
         off = np.stack([np.linalg.norm(self.place(s) - points, axis=1) for s in choices])
         best = choices[off.argmin(axis=0), np.arange(len(points))]
         return np.where(best < low, best + period, np.where(best > high, best - period, best))
@@ -213,7 +216,7 @@ class Sampled(ABC):
         return self.place(begins + (ends - begins) * t).reshape(*share.shape, 2)
 
     def pieces(self, low: Floats, high: Floats) -> tuple[Floats, Ints]:
-        """(p, 2) the ways from (m,) parameters to higher ones, cut where the curve is not smooth; (p,) whose each is."""
+        """(p, 2) the ways from (m,) parameters to higher ones, cut at the breaks; (p,) int64, whose each is."""
         breaks = self.bounds
         if self.closed:
             period = breaks[-1] - breaks[0]

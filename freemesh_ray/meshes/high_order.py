@@ -7,8 +7,8 @@ Node (i, j) of an element of order k, its row j and its place i in it::
     a . . b       j = 0
 
 Nodes on a curve are as far apart along it. Those inside follow from the sides by transfinite interpolation (Gordon,
-Hall: Construction of curvilinear co-ordinate systems, Int. J. Numer. Methods Eng. 7, 1973), which keeps the order of the
-error: derivatives of the map along a direction are no larger than those of the sides.
+Hall: Construction of curvilinear co-ordinate systems, Int. J. Numer. Methods Eng. 7, 1973), which keeps the order of
+the error: derivatives of the map along a direction are no larger than those of the sides.
 
 Where a curved side turns its element over, the bend is first carried into the nodes inside, then into the elements
 behind. That does not help where the angle between two curved sides is a straight one, as at a smooth curve's vertex of
@@ -33,7 +33,7 @@ from freemesh_ray.meshes.lifting import lifted
 ROWS = (0, 1, 2, 4, 8, 16)
 
 #: How far nodes may leave a curve, as shares of their way to the chord, tried one after the other.
-EASING = tuple(4.0**-i for i in range(20, 1, -1))
+EASING = tuple(2.0**-i for i in range(40, 3, -1))
 
 #: A determinant counts as positive from this share of its mean on: what is less is rounding.
 POSITIVE = 1e-9
