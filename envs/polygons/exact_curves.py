@@ -37,6 +37,9 @@ MOST_CHORDS = 100_000
 #: Half the step that a tangent is measured over, as a share of the parameters that are searched.
 TANGENT = 1e-4
 
+#: Parameters closer than this share of the largest one are one.
+ROUNDING = 2e-16
+
 #: Places that the length of a piece of a curve is measured at.
 STATIONS = 17
 
@@ -179,10 +182,13 @@ class Sampled(ABC):
             off = self.place(s) - np.stack([x, y], axis=-1)
             return (off * tangent).sum(axis=-1)
 
-        found = find_root(leaning, (first, last), args=(*points.T, TANGENT * (last - first))).x
-        # Without a place where it is square the nearest one is an end; where several are, the chord's place may be best.
-        a, b = self.table.points[chord], self.table.points[chord + 1]
-        share = ((points - a) * (b - a)).sum(axis=1) / np.maximum(((b - a) ** 2).sum(axis=1), np.finfo(np.float64).tiny)
+        # Without one of its own a root at 0 would be approached for a thousand steps.
+        close = {"xatol": ROUNDING * max(abs(low), abs(high))}
+        found = find_root(leaning, (first, last), args=(*points.T, TANGENT * (last - first)), tolerances=close).x
+        # Where the tangent is square nowhere, an end is nearest; where it is at several places, the chord says which.
+        a, ahead = self.table.points[chord], self.table.points[chord + 1] - self.table.points[chord]
+        squares = np.maximum((ahead**2).sum(axis=1), np.finfo(np.float64).tiny)
+        share = ((points - a) * ahead).sum(axis=1) / squares
         beside = t[chord] + np.clip(share, 0.0, 1.0) * (t[chord + 1] - t[chord])
         choices = np.stack([np.where(np.isfinite(found), found, beside), beside, first, last])
         off = np.stack([np.linalg.norm(self.place(s) - points, axis=1) for s in choices])
@@ -358,7 +364,7 @@ def shorter(change: Floats, period: float) -> Floats:
 def stations() -> tuple[Floats, Floats, Floats, Floats]:
     """Chebyshev's points in [0, 1], and what makes of values there derivatives, integrals from 0, and coefficients."""
     x = chebyshev.chebpts2(STATIONS)
-    to_coefficients = np.linalg.inv(chebyshev.chebvander(x, STATIONS - 1))
+    to_coefficients = np.asarray(np.linalg.inv(chebyshev.chebvander(x, STATIONS - 1)), dtype=np.float64)
     slopes, sums = chebyshev.chebder(np.eye(STATIONS)), chebyshev.chebint(np.eye(STATIONS), lbnd=-1.0)
     derivative = 2.0 * chebyshev.chebvander(x, STATIONS - 2) @ slopes @ to_coefficients
     integral = 0.5 * chebyshev.chebvander(x, STATIONS) @ sums @ to_coefficients

@@ -32,8 +32,8 @@ def lifted(
     k = len(stations) - 1
     mine = elements[patch]
     straight = straight_nodes(nodes[quads[patch]], stations)
-    numbers, local = np.unique(mine, return_inverse=True)
-    local = local.reshape(mine.shape)
+    numbers, inverse = np.unique(mine, return_inverse=True)
+    local: Ints = inverse.reshape(mine.shape)
     home = np.empty((len(numbers), 2))
     home[local] = straight
     moves = np.zeros((len(patch), k + 1, k + 1), dtype=bool)
@@ -46,8 +46,9 @@ def lifted(
     loose = np.zeros(len(numbers), dtype=bool)
     loose[local[moves.reshape(len(patch), -1)]] = True
     stiffness = stiffness_of(straight, stations)
-    rows, columns = np.repeat(local, local.shape[1], axis=1), np.tile(local, (1, local.shape[1]))
-    whole = coo_matrix((stiffness.ravel(), (rows.ravel(), columns.ravel())), shape=(len(numbers),) * 2).tocsr()
+    count = (k + 1) ** 2
+    rows, columns = np.repeat(local, count, axis=1), np.tile(local, (1, count))
+    whole = coo_matrix((stiffness.ravel(), (rows.ravel(), columns.ravel())), shape=(len(numbers), len(numbers))).tocsr()
     off = nodes[numbers] - home
     inner = whole[loose]
     solution = spsolve(inner[:, loose].tocsc(), -(inner[:, ~loose] @ off[~loose]))
