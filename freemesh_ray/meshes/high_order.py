@@ -84,11 +84,14 @@ class HighOrder:
 
     @property
     def serendipity(self) -> tuple[Floats, Ints]:
-        """The nodes without those inside elements, and the elements of 4 k nodes, see ``around``; k = 2 or 3."""
+        """The nodes without those inside elements, and the elements of 4 k nodes, see ``around``; k = 2 or 3.
+
+        Their map is the one of (k + 1)^2 nodes whose inner ones follow from the sides by transfinite interpolation.
+        """
         return self.nodes[: len(self.nodes) - len(self.elements) * (self.order - 1) ** 2], self.around
 
 
-def high_order(mesh: Mesh, order: int, stations: Floats | None = None) -> HighOrder:
+def high_order(mesh: Mesh, order: int, stations: Floats | None = None, *, serendipity: bool = False) -> HighOrder:
     """The nodes and elements of an order.
 
     Args:
@@ -96,6 +99,8 @@ def high_order(mesh: Mesh, order: int, stations: Floats | None = None) -> HighOr
         order: at least 1.
         stations: (order + 1,) places of the nodes along a side, ascending from 0 to 1 and symmetric; by default as far
             apart as each other.
+        serendipity: the nodes of the sides alone are used (see ``HighOrder.serendipity``): those inside follow from
+            them, and that is what is looked at.
     """
     at = lagrange.equal(order) if stations is None else np.asarray(stations, dtype=np.float64)
     edges, edge_of = distinct_edges(mesh.quads)
@@ -117,7 +122,7 @@ def high_order(mesh: Mesh, order: int, stations: Floats | None = None) -> HighOr
     if not len(spoiled):
         return HighOrder(order, nodes, elements, at)
     found = HighOrder(order, nodes, elements, at, spoiled)
-    found = lifted_where_spoiled(found, mesh.quads, edge_of, fixed_edges(mesh, edges, on_curve))
+    found = lifted_where_spoiled(found, mesh.quads, edge_of, fixed_edges(mesh, edges, on_curve), serendipity)
     return eased_where_spoiled(found, mesh, edges, edge_of, on_curve >= 0)
 
 
@@ -193,7 +198,9 @@ def fill(nodes: Floats, elements: Ints, stations: Floats) -> None:
     nodes[grid[:, 1:k, 1:k]] = (1 - y) * south + y * north + (1 - x) * west + x * east - corners
 
 
-def lifted_where_spoiled(found: HighOrder, quads: Ints, edge_of: Ints, fixed: np.ndarray) -> HighOrder:
+def lifted_where_spoiled(
+    found: HighOrder, quads: Ints, edge_of: Ints, fixed: np.ndarray, serendipity: bool
+) -> HighOrder:
     """The nodes with bends carried into the elements around those that are turned over, where that rights them.
 
     Args:
@@ -201,6 +208,7 @@ def lifted_where_spoiled(found: HighOrder, quads: Ints, edge_of: Ints, fixed: np
         quads: (m, 4) their corners.
         edge_of: (m, 4) the edges of their sides.
         fixed: (e,) bool, edges whose nodes stay.
+        serendipity: whether the nodes inside follow from the sides.
     """
     nodes, bent, left = found.nodes, found.bent, found.spoiled
     used = np.bincount(edge_of.ravel(), minlength=len(fixed))
@@ -209,6 +217,8 @@ def lifted_where_spoiled(found: HighOrder, quads: Ints, edge_of: Ints, fixed: np
         within = np.bincount(edge_of[patch].ravel(), minlength=len(fixed))
         free = (within == used) & ~fixed
         moved = lifted(nodes, found.elements, quads, patch, edge_of, free, found.stations)
+        if serendipity:
+            fill(moved, found.elements[patch], found.stations)
         still = patch[least_jacobian(moved, found.elements[patch], found.stations) < POSITIVE]
         if len(still) < len(left):
             nodes, bent, left = moved, np.union1d(bent, patch), still

@@ -166,6 +166,26 @@ def test_only_elements_near_those_that_were_turned_over_are_bent(order: int) -> 
     np.testing.assert_array_equal(found.nodes[found.elements[inner]], plain.nodes[plain.elements[inner]])
 
 
+@pytest.mark.parametrize("order", [2, 3])
+def test_elements_without_nodes_inside_are_looked_at_as_such(order: int) -> None:
+    """Their map is bent rows' too: the node in the middle of eight is half of the sides' less a quarter of corners'."""
+    mesh = thin(12, 0.02)
+    found = high_order(mesh, order, serendipity=True)
+    assert len(found.bent)
+    assert not len(found.spoiled)
+    assert least(found) > 0.0
+    nodes, around = found.serendipity
+    if order == 2:
+        middle = 0.5 * nodes[around[:, 4:]].sum(axis=1) - 0.25 * nodes[around[:, :4]].sum(axis=1)
+        np.testing.assert_allclose(found.nodes[found.elements[:, 4]], middle, atol=1e-14)
+        assert np.abs(high_order(mesh, order).nodes[found.elements[:, 4]] - middle).max() > 1e-4
+    else:
+        local = found.nodes[found.elements].reshape(-1, 4, 4, 2)
+        # The twelve polynomials hold x^3 y, but no x^2 y^2: the second differences of the second differences are 0.
+        mixed = np.einsum("ai,bj,mjic->mbac", *2 * [np.diff(np.eye(4), n=2, axis=0)], local)
+        np.testing.assert_allclose(mixed, 0.0, atol=1e-13)
+
+
 def test_lines_inside_stay_straight_when_bends_are_carried_on() -> None:
     mesh = thin(12, 0.02)
     line = np.stack([np.arange(12, 24), np.roll(np.arange(12, 24), -1)], axis=1)
