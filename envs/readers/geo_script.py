@@ -187,7 +187,7 @@ class Script(Words):
     def scaled(self, factor: Value, sign: str, values: Value) -> list[float]:
         """A number times a list."""
         if sign != "*" or isinstance(factor, list) or not isinstance(values, list):
-            raise self.fault(f"a list before or after {sign!r}; only a number times a list is read")
+            raise self.fault(f"a list before or after {sign!r}; write a number times a list")
         return [factor * value for value in self.counted(values)]
 
     def signed(self) -> Value:

@@ -72,7 +72,8 @@ def write(
     if format.folder:
         with ExitStack() as stack:
             for name, text in writer.files(held, path.name).items():
-                stack.enter_context(replacing(path.parent / name)).write_bytes(text)
+                draft = stack.enter_context(replacing(path.parent / name))
+                draft.write_bytes(text)
     else:
         with replacing(path) as draft:
             writer.write(held, draft, **options)

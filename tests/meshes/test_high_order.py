@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from envs.drawing import Curve
 from envs.mesh import CurvedEdges, Groups, Mesh
 from envs.polygons.exact_curves import CircleArc, EllipseArc
-from freemesh_ray.export.finite_elements import finite_elements
+from freemesh_ray.export.plane import plane_elements
 from freemesh_ray.meshes import lagrange
 from freemesh_ray.meshes.high_order import HighOrder, high_order, spoiled
 
@@ -71,7 +71,7 @@ def test_nodes_of_curved_sides_are_on_the_curve_as_far_apart(curve: Curve, order
 
 def test_of_order_two_without_curves_the_eight_nodes_are_those_that_are_written() -> None:
     mesh = straight(inside(unit_circle(), 3))
-    written = finite_elements(mesh, quadratic=True)
+    written = plane_elements(mesh, 8)
     nodes, elements = high_order(mesh, 2).serendipity
     np.testing.assert_array_equal(nodes, written.nodes)
     np.testing.assert_array_equal(elements, written.elements)

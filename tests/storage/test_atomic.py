@@ -19,7 +19,13 @@ from freemesh_ray.storage import atomic, state_file
 from freemesh_ray.storage.atomic import OutputError, refusing_links, replacing
 
 #: The one call in each of these files that writes to a path as it is given: it is a draft's.
-GIVEN_DRAFTS = {f"export/{name}.py": "path.write_bytes(" for name in ("abaqus", "gmsh", "nastran", "wavefront")}
+GIVEN_DRAFTS = {
+    f"export/{name}.py": "path.write_bytes("
+    for name in (
+        "abaqus", "exodus", "gmsh", "hohqmesh", "ideas", "ls_dyna", "mfem", "nastran", "openfoam", "su2", "vtk", "wavefront",
+        "xdmf",
+    )
+}  # fmt: skip
 
 
 @pytest.fixture(params=[0o000, 0o022, 0o077], ids=["000", "022", "077"])
