@@ -247,7 +247,9 @@ class Numbers:
         match = (FLAG if flag else NUMBER).match(self.text, self.at)
         if match is None:
             found = excerpt(self.text[self.at : self.at + 20]) or "its end"
-            raise DomainError(f"{self.where}: character {self.at} of the path: {found!r} where a number is needed")
+            raise DomainError(
+                f"{self.where}: character {self.at} of the path: {found!r} where a number is needed; correct it"
+            )
         self.at = match.end()
         return float(match.group())
 

@@ -22,8 +22,8 @@ from freemesh_ray.storage.atomic import OutputError, refusing_links, replacing
 GIVEN_DRAFTS = {
     f"export/{name}.py": "path.write_bytes("
     for name in (
-        "abaqus", "exodus", "gmsh", "hohqmesh", "ideas", "ls_dyna", "mfem", "nastran", "openfoam", "su2", "vtk", "wavefront",
-        "xdmf",
+        "abaqus", "exodus", "gmsh", "hohqmesh", "ideas", "ls_dyna", "mfem", "nastran", "openfoam", "su2", "vtk",
+        "wavefront", "xdmf",
     )
 }  # fmt: skip
 
