@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from envs.drawing import Drawing
-from envs.readers.geojson import polygons_of_geojson, polygons_of_rings
+from envs.readers.geojson import drawing_of_geojson, polygons_of_geojson, polygons_of_rings
 from envs.readers.wkt import polygons_of_geometry
 from envs.types import DomainError
 
@@ -20,7 +20,12 @@ def drawing_of(given: Any, source: str) -> Drawing:
     Raises:
         DomainError: an object that holds no polygon.
     """
-    return given if isinstance(given, Drawing) else Drawing(polygons_of(given, source))
+    if isinstance(given, Drawing):
+        return given
+    stated = getattr(given, "__geo_interface__", given) if not isinstance(given, shapely.Geometry) else given
+    if isinstance(stated, Mapping) and "rings" not in stated:
+        return drawing_of_geojson(stated, source)
+    return Drawing(polygons_of(given, source))
 
 
 def polygons_of(given: Any, source: str) -> list[list[Any]]:

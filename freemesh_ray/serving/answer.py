@@ -12,12 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from envs.polygons.domain import domains_of
+from envs.drawing import Drawing
+from envs.polygons.domain import geometry_of
+from envs.polygons.geometry import Region
 from envs.polygons.mesh_size import expected_in_domain
 from envs.polygons.rings import as_ring
 from envs.readers.python_objects import polygons_of
-from envs.types import Domain, DomainError
+from envs.types import DomainError
 from freemesh_ray.mesher import MeshingError, mesh_domain
+from freemesh_ray.meshes.assembly import Part, assembled
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES, encoded
 from freemesh_ray.serving.lanes import QUICK
@@ -90,7 +93,8 @@ def answer(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits,
     began = time.perf_counter()
     wanted = request.parameters
     try:
-        domain = domain_of(request, limits)
+        region = region_of(request, limits)
+        domain = region.domain
         expected = expected_in_domain(domain)
         check_elements(expected, limits)
         if lane == QUICK and expected * wanted.best_of > limits.quick_elements:
@@ -99,16 +103,17 @@ def answer(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits,
             policies[wanted.density], domain, seed=wanted.seed, best_of=wanted.best_of, smooth=wanted.smooth,
             clean=wanted.clean, allow_large=True,
         )  # fmt: skip
-        body = encoded(made.finished, wanted.format, time.perf_counter() - began)
+        mesh = assembled([Part(made.finished, region.name, region.sides, region.curved)], NAME)
+        body = encoded(mesh, wanted.format, time.perf_counter() - began)
     except Refused as refused:
         return refusal(refused.status, str(refused))
     except (DomainError, MeshingError, OutputError) as error:
         return refusal(HTTPStatus.UNPROCESSABLE_ENTITY, in_parameters(str(error)))
-    return Answer(HTTPStatus.OK, body, MEDIA_TYPES[wanted.format], len(made.finished.quads))
+    return Answer(HTTPStatus.OK, body, MEDIA_TYPES[wanted.format], len(mesh.quads))
 
 
-def domain_of(request: MeshRequest, limits: Limits) -> Domain:
-    """The one domain in a request's body.
+def region_of(request: MeshRequest, limits: Limits) -> Region:
+    """The one polygon in a request's body, its boundary split, with the names of its sides.
 
     Raises:
         Refused: no JSON object, or too many vertices.
@@ -119,12 +124,12 @@ def domain_of(request: MeshRequest, limits: Limits) -> Domain:
     if len(polygons) != 1:
         raise DomainError(f"{NAME}: {len(polygons)} polygons where one is needed; send them one by one")
     check_vertices(least_vertices(polygons[0], wanted.edge_length), limits)
-    (domain,) = domains_of(
-        polygons, NAME, NAME, fix_parity=wanted.fix_parity, edge_length=wanted.edge_length, grading=wanted.grading,
-        allow_large=True,
-    )  # fmt: skip
-    check_vertices(len(domain.ring), limits)
-    return domain
+    (region,) = geometry_of(
+        Drawing(polygons), NAME, NAME, fix_parity=wanted.fix_parity, edge_length=wanted.edge_length,
+        grading=wanted.grading, allow_large=True,
+    ).regions  # fmt: skip
+    check_vertices(len(region.domain.ring), limits)
+    return region
 
 
 def least_vertices(rings: Sequence[Any], edge_length: float | None) -> int:
