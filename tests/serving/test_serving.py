@@ -168,7 +168,7 @@ def test_files_are_those_that_the_package_writes(client: Client, suffix: str, tm
     assert status == 200, body
     assert headers["Content-Type"] == MEDIA_TYPES[suffix[1:]]
     assert headers["Content-Disposition"] == f'attachment; filename="polygon{suffix}"'
-    path = tmp_path / f"mesh{suffix}"  # an archive holds the name
+    path = tmp_path / f"polygon{suffix}"  # an archive holds its name
     export.write(freemesh_ray.mesh(PLATE, edge_length=0.25), path)
     assert body == path.read_bytes()
 
