@@ -125,7 +125,7 @@ def mean_angle(front: Front, slot: int, n_rv: int) -> float:
         folded = folded and vid[left] == vid[right]
         if folded:
             turn = TWO_PI
-        elif vid[left] != vid[slot] and vid[right] != vid[slot]:
+        elif (left == slot or vid[left] != vid[slot]) and (right == slot or vid[right] != vid[slot]):
             turn = angle(xy[right, 0] - x, xy[right, 1] - y, xy[left, 0] - x, xy[left, 1] - y)
         total += turn
     return round(total / n_rv * 1e9) * 1e-9
