@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +39,8 @@ def fail_killed_runs(uri: str, experiment: str, except_for: str, folders: Sequen
     client, here = connect(uri), Owner.here()
     query = f"attributes.status = 'RUNNING' and tags.`freemesh.user` = '{here.user}'"
     mine = f"{query} and tags.`freemesh.machine` = '{here.machine}'"
-    runs = client.search_runs([experiment_id(client, uri, experiment)], mine, max_results=RUNS)
-    left = {run.data.tags["freemesh.id"]: run for run in runs[:RUNS] if _is_mine(run, here)}
+    runs = _found(client, experiment_id(client, uri, experiment), mine)
+    left = {run.data.tags["freemesh.id"]: run for run in islice(runs, RUNS) if _is_mine(run, here)}
     left.pop(except_for, None)
     for root in (folder.resolve() for folder in folders if left):
         for path in found(root):
@@ -53,6 +54,15 @@ def fail_killed_runs(uri: str, experiment: str, except_for: str, folders: Sequen
         if owner and owner.is_gone(here, run.info.start_time / 1000) and time.monotonic() < until:
             with _by_itself(own_id):
                 client.set_terminated(run.info.run_id, "FAILED")
+
+
+def _found(client: Any, experiment: str, query: str) -> Iterator[Any]:
+    """The runs that a query finds, asked for one by one: each may have as many tags as an answer has room for."""
+    token: str | None = ""
+    while token is not None:
+        page = client.search_runs([experiment], query, max_results=1, page_token=token or None)
+        yield from page
+        token = page.token or None
 
 
 def _settle(path: Path, root: Path, uri: str, experiment: str, run_id: str, until: float) -> None:

@@ -22,6 +22,7 @@ from envs.printable import without_login
 from freemesh_ray.config.paths import shown
 from freemesh_ray.config.store_login import with_login
 from freemesh_ray.storage.atomic import private_folder
+from freemesh_ray.tracking.bounded import Bounded
 from freemesh_ray.tracking.events import is_id
 
 log = logging.getLogger(__name__)
@@ -56,6 +57,7 @@ FIXES = {
     "code 30": "give the address that the server redirects to, if you trust it: redirects are not followed",
     "code 401": "give user and password in MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD",
     "code 403": "let the server allow the name that it is called by (--allowed-hosts), and its user to write",
+    "answers with more than": "have whoever filled it with so much take that out, or give another store's uri",
     "deleted": "restore it there (mlflow runs restore), or give another store's uri",
     "refuses": "mend what it names, or give another store's uri",
     "cannot be reached": "start the server, or give another store's uri",
@@ -101,7 +103,7 @@ def connect(uri: str) -> Any:
     with _one_at_a_time(uri):
         _make_whole(uri)
         address = with_login(address_of(uri))
-        return mlflow_client()(address, address)
+        return Bounded(mlflow_client()(address, address))
 
 
 def absolute(uri: str) -> str:

@@ -224,4 +224,8 @@ class FakeStore(Recorder):
             if not self.filters
             or (tags.items() <= run.tags.items() and (status is None or status.group(1) == run.status))
         ]  # fmt: skip
-        return 200, {"runs": found}
+        if not self.filters:
+            return 200, {"runs": found}
+        first = int(asked.get("page_token") or 0)
+        last = first + int(asked.get("max_results", 1000))
+        return 200, {"runs": found[first:last]} | ({"next_page_token": str(last)} if last < len(found) else {})
