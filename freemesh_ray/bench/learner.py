@@ -14,6 +14,8 @@ from freemesh_ray.formatting.terminal import say
 from freemesh_ray.local_ray import local_ray
 
 THEIRS = "Stable-Baselines3"
+#: Times that each is measured.
+RUNS = 3
 #: Settings that make updates cheaper, by what they are called here.
 WAYS: dict[str, dict[str, Any]] = {
     "float32": {},
@@ -79,10 +81,10 @@ def products() -> str:
 
 
 def run(seconds: float) -> None:
-    """Updates a second of whole training rounds, with each of `WAYS` and of Stable-Baselines3 in turn, three times."""
+    """Updates a second of whole training rounds, with each of `WAYS` and of Stable-Baselines3 in turn, `RUNS` times."""
     speeds: dict[str, list[float]] = {name: [] for name in (*WAYS, THEIRS)}
     with local_ray(0):
-        for _ in range(3):
+        for _ in range(RUNS):
             for name, settings in WAYS.items():
                 speeds[name].append(our_updates_per_second(seconds, settings))
             speeds[THEIRS].append(their_updates_per_second(seconds))
@@ -90,4 +92,4 @@ def run(seconds: float) -> None:
     rows = [[name, *(f"{speed:.0f}" for speed in found), f"{ratios[name]:.2f}"] for name, found in speeds.items()]
     say(f"learner, one thread, {DOMAIN}, {RATIO} updates a step: updates a second, and the median ratio of a run's")
     say(products())
-    say(table(["", *(f"run {i + 1}" for i in range(3)), "ratio"], rows))
+    say(table(["", *(f"run {i + 1}" for i in range(RUNS)), "ratio"], rows))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import inspect
+import re
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from processes import ROOT, outside
 
 from freemesh_ray.bench import registry
 from freemesh_ray.bench.registry import BENCHMARKS
@@ -69,6 +72,41 @@ def test_the_command_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
         (line,) = [line for line in lines if line.split()[:1] == [name]]
         assert benchmark.meaning in line
         assert line.endswith("(default)") == benchmark.default
+
+
+#: What makes each benchmark as small as it can be, in its module; and the words that its table begins with.
+SMALLEST = {
+    "env": ("FRONTS=(50, 100)", "front vertices"),
+    "learner": ("WAYS={'float32': {}}, RUNS=1", "Stable-Baselines3"),
+    "sampling": ("FRAGMENTS=(8, 16)", "env runners"),
+    "mesher": ("DISCS=(50,), CROSSES=(100,)", "raw, elements/s"),
+    "serving": ("DOMAINS=('part-3',), CLIENTS=(2,), REPLICAS=(1, 2)", "all replicas were back after"),
+    "gpu": ("BATCHES=(256,), CALLS=(1,)", "updates a call"),
+}
+RUN = """
+import sys
+from importlib import import_module
+from freemesh_ray.bench.registry import BENCHMARKS
+from freemesh_ray.cli.command import main
+vars(import_module(f"freemesh_ray.bench.{{BENCHMARKS[{name!r}].module}}")).update(dict({smallest}))
+sys.exit(main(["bench", "--part", {name!r}, "--seconds", "0.01"]))
+"""
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_each_measures(name: str, tmp_path: Path) -> None:
+    if BENCHMARKS[name].package:
+        pytest.importorskip(BENCHMARKS[name].package)
+    smallest, words = SMALLEST[name]
+    done = subprocess.run(
+        [sys.executable, "-c", RUN.format(name=name, smallest=smallest)], capture_output=True, text=True, timeout=3000,
+        cwd=tmp_path, env=outside() | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert words in done.stdout
+    assert re.search(r"\d", done.stdout)
+    assert "nan" not in done.stdout
 
 
 def test_importing_the_registry_is_light() -> None:
