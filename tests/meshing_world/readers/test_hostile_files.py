@@ -146,7 +146,8 @@ HOSTILE: dict[str, tuple[str, Callable[[], str], str | None]] = {
     "nodes that are not there": (
         ".msh", lambda: mesh(4, "1 1 2 0 1 1 2\n").replace("$Nodes\n4", "$Nodes\n1000000000"), "ends too early"),
     "every element a surface": (
-        ".msh", lambda: mesh(6, "".join(f"{i} 2 2 0 {i} 1 2 3\n" for i in range(1, 10_002))), "outer ring: 3 vertices|10,001 rings"),
+        ".msh", lambda: mesh(6, "".join(f"{i} 2 2 0 {i} 1 2 3\n" for i in range(1, 10_002))),
+        "outer ring: 3 vertices|10,001 rings"),
 }  # fmt: skip
 
 
