@@ -22,7 +22,8 @@ from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
 from envs.mdp.observation import observation_size
 from envs.mdp.transition import numbers
 from envs.quality import element_quality
-from envs.types import Domain, MeshingParameters, WantedSizes
+from envs.types import NO_WISHES, Domain, MeshingParameters, WantedSizes
+from freemesh_ray.finish.finish import USUAL
 from freemesh_ray.mesher import MeshingError, mesh_domain, meshing
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark
@@ -30,9 +31,9 @@ from freemesh_ray.mesher.candidates import candidates, consider
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.ideal_elements import SHAPES, shape
 from freemesh_ray.mesher.lookahead import DEPTH, fill, tree
-from freemesh_ray.mesher.meshing import ATTEMPTS, mean_quality
+from freemesh_ray.mesher.meshing import ATTEMPTS, mean_quality, mesh_once
 from freemesh_ray.mesher.undo_log import SOURCES, element, undo_log
-from freemesh_ray.policies.policy import Policy, PolicyError
+from freemesh_ray.policies.policy import DEFAULT, Policy, PolicyError
 
 
 def constant(mean: tuple[float, float, float], log_std: float, **parameters: object) -> Policy:
@@ -168,10 +169,23 @@ def test_a_four_ring_is_its_own_mesh_or_filled() -> None:
     assert mesh_domain(STUCK, dart).finished.defects(area=dart.area) == []
 
 
-def test_the_best_of_several_is_no_poorer() -> None:
+def test_the_best_of_several_is_the_one_of_the_best_mean_quality() -> None:
     domain = load("T1")
-    one, best = (mesh_domain(BISECTOR, domain, best_of=k) for k in (1, 4))
-    assert mean_quality(best.finished) >= mean_quality(one.finished)
+    each = [mesh_once(BISECTOR, domain, (0, k), False, True, True, USUAL, NO_WISHES).finished for k in range(4)]
+    qualities = [mean_quality(mesh) for mesh in each]
+    best = mesh_domain(BISECTOR, domain, best_of=4).finished
+    assert min(qualities) < max(qualities)
+    assert best.quads.tobytes() == each[int(np.argmax(qualities))].quads.tobytes()
+
+
+def test_a_search_draws_where_a_plain_mesh_takes_the_mean_action() -> None:
+    policy, domain = Policy.load(DEFAULT), load("T1")
+    plain, searched, another = (
+        mesh_domain(policy, domain, search=search, seed=seed) for search, seed in ((False, 0), (True, 0), (True, 1))
+    )
+    assert plain.attempts == searched.attempts == another.attempts == 1
+    assert plain.raw.quads.tobytes() == mesh_domain(policy, domain, seed=1).raw.quads.tobytes()
+    assert len({made.raw.quads.tobytes() for made in (plain, searched, another)}) == 3
 
 
 def test_finishing_can_be_left_out() -> None:
