@@ -17,7 +17,7 @@ from envs.drawing import Drawing, Line, Place
 from envs.mesh import STRAIGHT, CurvedEdges
 from envs.polygons.axis import Axis
 from envs.polygons.curved_edges import curved_edges, on_curves
-from envs.polygons.named_sides import along, line_of_segments, parts, sides_by_name, tolerance
+from envs.polygons.named_sides import along, line_of_segments, parts, segments_of, sides_by_name, tolerance
 from envs.polygons.offered_names import offered
 from envs.polygons.rings import extent
 from envs.polygons.rings import place as shown
@@ -111,10 +111,10 @@ def laid(drawing: Drawing, polygons: Sequence[Sequence[Floats]], source: str) ->
     near = tolerance(polygons)
     rings = [np.concatenate([ring, ring[:1]]) for rings in polygons for ring in rings]
     outlines = shapely.MultiLineString(rings)
-    shapely.prepare(outlines)
+    segments = segments_of(polygons)
     keep, inside, naming = [np.zeros((0, 2))], [], False
     for line in lines:
-        found = along(line, outlines, near)
+        found = along(line, segments, near)
         if line.name:
             keep.append(found.ends)
             naming = naming or found.on > 4.0 * near

@@ -42,20 +42,29 @@ def tolerance(polygons: Sequence[Sequence[Floats]]) -> float:
     return ON_LINE * extent(np.concatenate([ring for rings in polygons for ring in rings]))
 
 
-def along(line: Line, outlines: shapely.Geometry, near: float) -> Along:
+def segments_of(polygons: Sequence[Sequence[Floats]]) -> shapely.STRtree:
+    """The segments of all rings of polygons, to look for those near a line."""
+    pairs = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for rings in polygons for ring in rings]
+    return shapely.STRtree(shapely.linestrings(np.concatenate(pairs)))
+
+
+def along(line: Line, outlines: shapely.STRtree, near: float) -> Along:
     """Divide a line into what lies on the outlines and what does not.
 
     Args:
         line: of a drawing.
-        outlines: the rings of its polygons, as lines.
+        outlines: see `segments_of`.
         near: the distance within which it lies on them.
     """
     path = shapely.LineString(line.points)
     middles = 0.5 * (line.points[:-1] + line.points[1:])
-    if shapely.distance(shapely.points(np.concatenate([line.points, middles])), outlines).max() <= near:
+    beside = outlines.geometries[np.sort(outlines.query(path, predicate="dwithin", distance=near))]
+    outline = shapely.line_merge(shapely.multilinestrings(beside))
+    shapely.prepare(outline)
+    if shapely.dwithin(outline, shapely.points(np.concatenate([line.points, middles])), near).all():
         on, off = path, shapely.LineString()  # as most lines: no band has to be made
     else:
-        band = shapely.buffer(outlines, near, cap_style="square", quad_segs=2)
+        band = shapely.buffer(outline, near, cap_style="square", quad_segs=2)
         on, off = shapely.intersection(path, band), shapely.difference(path, band)
     closed = bool(np.array_equal(line.points[0], line.points[-1]))
     pieces = parts(on, 4.0 * near)
