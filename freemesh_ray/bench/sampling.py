@@ -18,7 +18,7 @@ def run(seconds: float) -> None:
     rows = []
     for runners in RUNNERS:
         with local_ray(runners):
-            algo = algorithm(runners, warmup=0)  # actions are the policy's from the first step on
+            algo = algorithm(runners, warmup=1)  # actions are the policy's from the second step on
             speeds = []
             for fragment in FRAGMENTS:
                 algo.config._is_frozen = False
