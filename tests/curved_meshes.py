@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from envs.drawing import Curve
 from envs.mesh import CurvedEdges, Mesh, edges_of, sides
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
+from envs.types import Curve
 from freemesh_ray.meshes import lagrange
 from freemesh_ray.meshes.high_order import HighOrder
 

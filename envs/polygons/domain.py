@@ -19,13 +19,13 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from envs.drawing import Drawing
 from envs.errors import UserError
 from envs.polygons import ring_with_seams, seam
 from envs.polygons.axis import axis_of
 from envs.polygons.close_places import close_sizes
 from envs.polygons.deviation import deviation
 from envs.polygons.discretisation import NOWHERE, discretised
+from envs.polygons.drawing import Drawing
 from envs.polygons.faces import Face, divided
 from envs.polygons.geometry import Geometry, Region, laid, on_their_curves, sides_of, to_the_left
 from envs.polygons.halves import halves

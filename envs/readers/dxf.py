@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Reading
 from envs.polygons import curves
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.rings import check_coordinates, extent
 from envs.readers.drawn import check_closed, counted, drawn, gap_note
 from envs.readers.dxf_entities import READ, Entity, entities_of, layers_of, pieces_of

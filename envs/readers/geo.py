@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Place, Reading
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
+from envs.polygons.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates, check_count, extent
 from envs.readers import geo_gmsh
 from envs.readers.geo_curves import counted, exact, flattened, reach

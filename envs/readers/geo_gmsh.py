@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Curve as ExactCurve
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.readers.geo_included import DEPTH, included
 from envs.readers.geo_model import CURVE, POINT, Curve, Model
@@ -30,6 +29,7 @@ from envs.readers.geo_passed_over import ASSIGNING, OPTIONS, PASSED_OVER, REFUSE
 from envs.readers.geo_script import FUNCTIONS
 from envs.readers.geo_words import Token, Words
 from envs.readers.source import excerpt, text_of
+from envs.types import Curve as ExactCurve
 from envs.types import DomainError, Floats
 
 #: Seconds that Gmsh may take.

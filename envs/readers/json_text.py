@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.readers.geojson import drawing_of_geojson, polygons_of_rings
 from envs.readers.source import text_of
 from envs.types import DomainError

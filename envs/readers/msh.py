@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Place, Reading
+from envs.polygons.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates, check_rings, extent
 from envs.readers.loops import faces
 from envs.readers.nesting import nested

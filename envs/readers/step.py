@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Reading
 from envs.polygons import curves
+from envs.polygons.drawing import Drawing, Line, Reading
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.polygons.rings import check_coordinates, check_count, extent
 from envs.readers.geo_gmsh import answer_of, exact_of, installed

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.drawing import Drawing, Reading
 from envs.polygons import curves
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.rings import check_coordinates, extent
 from envs.readers.drawn import check_closed, counted, drawn, gap_note
 from envs.readers.outlines import outlines

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Reading
+from envs.polygons.drawing import Drawing, Line, Reading
 from envs.polygons.rings import check_count
 from envs.readers.nesting import nested
 from envs.readers.source import text_of

@@ -9,7 +9,7 @@ import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 
-from envs.plug_in import top
+from envs.plug_ins.source_files import top
 from freemesh_ray.storage.atomic import replacing
 
 

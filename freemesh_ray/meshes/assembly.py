@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from envs.drawing import Line, Place
 from envs.mesh import STRAIGHT, CurvedEdges, Groups, Mesh
 from envs.polygons.along import edges_along
+from envs.polygons.drawing import Line, Place
 from envs.types import Ints
 from freemesh_ray.meshes.cracks import cracked
 from freemesh_ray.meshes.union import Union, first_of_each, union

@@ -7,12 +7,11 @@ from itertools import count
 
 import numpy as np
 
-from envs.drawing import Curve
 from envs.errors import UserError
 from envs.mesh import CurvedEdges, Groups, Mesh
 from envs.polygons.axis import Axis
 from envs.polygons.rings import extent, place
-from envs.types import RELATIVE_TOLERANCE, Floats, Ints
+from envs.types import RELATIVE_TOLERANCE, Curve, Floats, Ints
 
 #: What the mirror image of a named point is called: its name and this.
 IMAGE = "_mirrored"

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.drawing import Curve
 from envs.mesh import CurvedEdges, Groups, Mesh
-from envs.types import Ints
+from envs.types import Curve, Ints
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing
 from envs.polygons.domain import geometry_of
+from envs.polygons.drawing import Drawing
 from envs.polygons.geometry import Region
 from envs.polygons.mesh_size import expected_in_domain
 from envs.polygons.rings import as_ring

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.errors import PluginError
-from envs.plug_in import subclass
+from envs.plug_ins.loading import subclass
 
 if TYPE_CHECKING:
     from freemesh_ray.training.loop import Status, Training

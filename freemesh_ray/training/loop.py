@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.domains.load import source
 from envs.errors import PluginError
-from envs.plug_in import NONE
+from envs.plug_ins.environment_parts import NONE
 from freemesh_ray.algorithms.awake import awake
 from freemesh_ray.algorithms.cut import Cut
 from freemesh_ray.config import ALGORITHMS, algorithm_name, meshing_parameters, plug_ins

@@ -10,9 +10,9 @@ from curved_meshes import FULL, area, blob, curved, ellipse, inside, jacobians, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.drawing import Curve
 from envs.mesh import CurvedEdges, Groups, Mesh
 from envs.polygons.exact_curves import CircleArc, EllipseArc
+from envs.types import Curve
 from freemesh_ray.export.plane import plane_elements
 from freemesh_ray.meshes import lagrange
 from freemesh_ray.meshes.high_order import HighOrder, high_order, spoiled

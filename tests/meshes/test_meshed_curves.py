@@ -9,10 +9,10 @@ import pytest
 import shapely
 from curved_meshes import area, jacobians
 
-from envs.drawing import Line
 from envs.mesh import Mesh
 from envs.polygons import curves
 from envs.polygons.curved_edges import curved_edges, on_curves
+from envs.polygons.drawing import Line
 from envs.polygons.exact_curves import EllipseArc
 from freemesh_ray import mesh as meshed
 from freemesh_ray.meshes import lagrange

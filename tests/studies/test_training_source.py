@@ -53,7 +53,7 @@ def digests(root: Path) -> dict[str, str]:
         ("freemesh_ray/serving/server.py", None),
         ("freemesh_ray/studies/runner.py", None),
         ("freemesh_ray/cli/study.py", None),
-        ("envs/window.py", None),
+        ("envs/rendering/window.py", None),
     ],
 )
 def test_a_changed_learner_is_another_source_and_a_changed_report_is_none(

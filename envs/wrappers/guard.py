@@ -1,4 +1,4 @@
-"""FreeMesh-v0 in Gymnasium wrappers of a user's: a single environment, and a batch of them."""
+"""What stands around wrappers of a user's: it checks what they return, and finds the environment within."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import SyncVectorEnv
 
 from envs.errors import PluginError
-from envs.mesh_env import MeshEnv, Task, ending
-from envs.plug_in import PlugIn, subclass
+from envs.mesh_env import MeshEnv, ending
+from envs.plug_ins.named_object import PlugIn
 
+#: The setting that names wrappers.
 KEY = "env.wrappers"
 
 
@@ -73,59 +73,6 @@ class Guard(gym.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
         if not np.isfinite(observation).all():
             raise self._all.wrong(f"observed {observation[~np.isfinite(observation)][0]}", "return finite numbers")
         return observation
-
-
-class Tasks:
-    """The tasks of many environments as one."""
-
-    def __init__(self, tasks: Sequence[Task]) -> None:
-        self._tasks = tasks
-
-    def get(self) -> dict[str, float]:
-        """Weight of each domain by name."""
-        return self._tasks[0].get()
-
-    def set(self, weights: dict[str, float]) -> None:
-        """Draw the next episodes of all from these domains alone, in proportion to their weights."""
-        for task in self._tasks:
-            task.set(weights)
-
-
-class WrappedVectorEnv(SyncVectorEnv):
-    """``num_envs`` wrapped environments, stepped one after another; each goes as a `MeshVectorEnv`'s with its seed.
-
-    Its state is not known, as wrappers keep what they like: a training that goes on begins new episodes.
-    """
-
-    def __init__(self, num_envs: int, wrappers: Sequence[Any], **options: Any) -> None:
-        """Make them.
-
-        Args:
-            num_envs: >= 1.
-            wrappers: see `wrapped`.
-            options: those of MeshEnv.
-        """
-        super().__init__([lambda: wrapped(wrappers, **options)] * num_envs)
-        self.task = Tasks([base(env).task for env in self.envs])
-
-
-def wrapped(wrappers: Sequence[Any], **options: Any) -> gym.Env[np.ndarray, np.ndarray]:
-    """An environment in wrappers.
-
-    Args:
-        wrappers: Gymnasium wrappers, or their names, ``package.module:Name``; the innermost first.
-        options: those of MeshEnv.
-
-    Raises:
-        PluginError: one cannot be had, or they leave something else than vectors.
-    """
-    env: gym.Env[Any, Any] = MeshEnv(**options)
-    found = [subclass(named, KEY, gym.Wrapper, "a class of gymnasium.Wrapper") for named in wrappers]
-    for wrapper in found:
-        env = wrapper(env)
-        if not (isinstance(env, gym.Wrapper) and isinstance(env.unwrapped, MeshEnv)):
-            raise wrapper.wrong("does not wrap the environment that it was given", "hand it to super().__init__")
-    return Guard(env, found) if found else env
 
 
 def base(env: gym.Env[Any, Any]) -> MeshEnv:

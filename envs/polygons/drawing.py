@@ -14,22 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from envs.types import Floats
-
-
-class Curve(Protocol):
-    """A smooth curve that a polyline stands for, exact."""
-
-    def nearest(self, points: Floats, /) -> Floats:
-        """(m,) parameters of the curve's nearest places to (m, 2) points."""
-
-    def at(self, parameters: Floats, /) -> Floats:
-        """(m, 2) places on the curve at (m,) parameters."""
-
-    def between(self, a: Floats, b: Floats, fractions: Floats, /) -> Floats:
-        """(m, f, 2) places at (f,) fractions of the curve's length from (m, 2) places a on it to b, the shorter way."""
+from envs.types import Curve, Floats
 
 
 @dataclass(frozen=True, eq=False)

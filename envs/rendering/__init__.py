@@ -1,0 +1,1 @@
+"""Pictures of an episode, as ``render`` of the environments gives them, and the window that shows them."""
