@@ -15,14 +15,21 @@ from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
 from envs.domains.varied_domain import VariedDomains
 from envs.plug_ins.loading import is_spec
-from envs.polygons.domain import from_polygon, from_ring_with_seam, from_rings, geometry_of, largest_wanted, wanted_at
 from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.geometry import Geometry
 from envs.polygons.size_cells import Size
+from envs.polygons.validation import (
+    from_polygon,
+    from_ring_with_seam,
+    from_rings,
+    geometry_of,
+    largest_wanted,
+    wanted_at,
+)
+from envs.readers.file_check import check_file
 from envs.readers.formats import BY_SUFFIX
 from envs.readers.python_objects import drawing_of
 from envs.readers.read import read
-from envs.readers.source import check_file
 from envs.types import Domain, DomainError, Floats, WantedSizes
 
 __all__ = [
@@ -107,7 +114,7 @@ def load_geometry(
             which sizes grow.
         most: polygons at most; None: as many as there are.
         options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``: see
-            :func:`envs.polygons.domain.geometry_of`.
+            :func:`envs.polygons.validation.geometry_of`.
 
     Raises:
         DomainError: the source, the place and the fix in one line.
@@ -137,7 +144,7 @@ def object_geometry(polygon: Any, name: str = "polygon", **options: Any) -> Geom
             :class:`envs.polygons.drawing.Drawing`.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
         options: ``fix_parity``, ``edge_length``, ``grading``, ``curvature``, ``size``, ``allow_large``: see
-            :func:`envs.polygons.domain.geometry_of`.
+            :func:`envs.polygons.validation.geometry_of`.
 
     Raises:
         DomainError: an object that holds no polygon, or one that cannot be meshed.

@@ -8,7 +8,7 @@ import numpy as np
 
 from envs.plug_ins.loading import function
 from envs.plug_ins.named_object import PlugIn
-from envs.polygons.domain import domains_of
+from envs.polygons.validation import domains_of
 from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from envs.polygons.drawing import Drawing, Line
 from envs.readers.joins import option
 from envs.readers.nesting import nested
-from envs.readers.outlines import Face, Outlines
+from envs.readers.outline_search import Face, Outlines
 from envs.types import DomainError
 
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from envs.polygons.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates, check_rings, extent
+from envs.readers.file_check import excerpt
 from envs.readers.loops import faces
 from envs.readers.nesting import nested
 from envs.readers.physical import names_of
-from envs.readers.source import excerpt
 from envs.types import DomainError, Floats, Ints
 
 #: Dimension, corners and nodes of Gmsh's element types.

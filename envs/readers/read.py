@@ -10,8 +10,8 @@ import numpy as np
 from envs.polygons.curves import ChordsError
 from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.rings import check_count, check_rings
+from envs.readers.file_check import check_file
 from envs.readers.formats import BY_SUFFIX
-from envs.readers.source import check_file
 from envs.types import DomainError
 
 

@@ -124,7 +124,7 @@ def place_of(results: Results, studies: Path) -> Path:
 
 def tell_store(folder: Path) -> None:
     """Describe the study in its tracking store by what the report says now, and print on stderr what shows it there."""
-    from freemesh_ray.api.summary import describe
+    from freemesh_ray.api.study_description import describe
 
     for line in describe(folder):
         note(line)

@@ -5,9 +5,9 @@ Everything is drawn on `Figure` objects of its own, without pyplot: no window, n
 
 from freemesh_ray.plots.bands import Panel, draw_bands
 from freemesh_ray.plots.boxes import PANELS, draw_boxes
-from freemesh_ray.plots.curves import draw_curves
-from freemesh_ray.plots.improvement import Pair, draw_improvements
-from freemesh_ray.plots.mesh import caption, draw_mesh
+from freemesh_ray.plots.improvement_plot import Pair, draw_improvements
+from freemesh_ray.plots.learning_curves import draw_curves
+from freemesh_ray.plots.mesh_plot import caption, draw_mesh
 from freemesh_ray.plots.names import draw_names
 from freemesh_ray.plots.page import SUFFIXES
 from freemesh_ray.plots.settings import draw_settings

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from envs.types import Floats
-from freemesh_ray.report.comparisons import Comparison, compare
+from freemesh_ray.report.pairwise import Comparison, compare
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import VariantResult
 from freemesh_ray.statistics.equivalence import Difference, difference

@@ -12,7 +12,7 @@ from envs.types import Floats
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements
 from freemesh_ray.plots.page import SUFFIXES, save
 from freemesh_ray.policies.evaluation import COMPLETION, RETURN
-from freemesh_ray.report.comparisons import Comparison
+from freemesh_ray.report.pairwise import Comparison
 from freemesh_ray.report.variants import VariantResult
 from freemesh_ray.statistics.bootstrap import Interval
 

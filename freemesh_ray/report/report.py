@@ -15,15 +15,15 @@ from pathlib import Path
 from freemesh_ray.policies.evaluation import DETERMINISTIC
 from freemesh_ray.records import parquet_file
 from freemesh_ray.records.schema import FILE
-from freemesh_ray.report import EPISODES, csv_files, html_page, meshes, pictures, search, sections
+from freemesh_ray.report import EPISODES, best_meshes, csv_files, html_page, pictures, ranked_draws, sections
 from freemesh_ray.report.against_paper import paper_table
-from freemesh_ray.report.comparisons import all_pairs, pairs_to_show
 from freemesh_ray.report.expectations import expectations
-from freemesh_ray.report.formats import final
+from freemesh_ray.report.number_text import final
 from freemesh_ray.report.outcomes import evidence, judged
-from freemesh_ray.report.recording import recorded
+from freemesh_ray.report.pairwise import all_pairs, pairs_to_show
 from freemesh_ray.report.results import Results, TrialResult, read
 from freemesh_ray.report.sections import Picture
+from freemesh_ray.report.to_records import recorded
 from freemesh_ray.report.transfer import Transfer, transfer
 from freemesh_ray.report.transfer import recorded as recorded_transfer
 from freemesh_ray.report.variants import return_threshold, variant_results
@@ -111,7 +111,7 @@ def report_variants(
     evaluated = transferred(results, used, episodes, note)
     pairs, said = all_pairs(variants, evaluated), judged(evidence(study.expects, variants, evaluated))
     papers = results.records.paper_table if results.records else paper_table(variants, evaluated.policies)
-    cut = meshes.of_best(variants, evaluated, study.domains)
+    cut = best_meshes.of_best(variants, evaluated, study.domains)
     by = final(study.metric)
     files = [
         csv_files.curves(out / "curves.csv", variants),
@@ -127,7 +127,7 @@ def report_variants(
         files += profiles(out, results, evaluated)
     if shown := pairs_to_show(pairs):
         files.append(pictures.improvement(out, shown, by))
-    drawn = meshes.draw(out, cut)
+    drawn = best_meshes.draw(out, cut)
     files += [out / file for names in drawn.values() for file in names]
 
     def text(picture: Picture) -> list[str]:
@@ -138,7 +138,7 @@ def report_variants(
             sections.curves(variants, picture),
             f"## The paper's table\n\n{papers}" if papers else "",
             sections.domains(variants, evaluated, episodes, picture) if study.domains else "",
-            meshes.section(drawn, by, picture),
+            best_meshes.section(drawn, by, picture),
             sections.pairs(shown, len(pairs), by, picture) if shown else "",
             sections.what_was_run(results, evaluated.commits.values()),
             sections.trials(results),
@@ -165,19 +165,19 @@ def profiles(out: Path, results: Results, evaluated: Transfer) -> list[Path]:
 
 def report_search(results: Results, out: Path, episodes: int, note: Callable[[str], None]) -> tuple[Writer, list[Path]]:
     """A search: its ranking, picture and records, written to ``out``, and what writes its text."""
-    study, ranks = results.study, search.ranking(results)
-    files = [search.write_csv(out / "trials.csv", ranks, study)]
-    if again := search.ranking(results, again=True):
-        files.append(search.write_csv(out / "confirmation.csv", again, study))
+    study, ranks = results.study, ranked_draws.ranking(results)
+    files = [ranked_draws.write_csv(out / "trials.csv", ranks, study)]
+    if again := ranked_draws.ranking(results, again=True):
+        files.append(ranked_draws.write_csv(out / "confirmation.csv", again, study))
     files.append(parquet_file.write(out / FILE, recorded(results, Transfer([], {}, {}, {}), {}, "", episodes)))
     if ranks:
-        files.append(search.picture(out, ranks, study))
+        files.append(ranked_draws.picture(out, ranks, study))
 
     def text(picture: Picture) -> list[str]:
         return [
             sections.opening(results),
-            search.section(ranks, picture, study),
-            search.confirmation(ranks, again, study),
+            ranked_draws.section(ranks, picture, study),
+            ranked_draws.confirmation(ranks, again, study),
             sections.what_was_run(results, []),
             sections.trials(results),
         ]

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from envs.polygons.domain import geometry_of
 from envs.polygons.drawing import Drawing
+from envs.polygons.element_count import expected_in_domain
 from envs.polygons.geometry import Region
-from envs.polygons.mesh_size import expected_in_domain
 from envs.polygons.rings import as_ring
+from envs.polygons.validation import geometry_of
 from envs.readers.python_objects import polygons_of
 from envs.types import DomainError
 from freemesh_ray.mesher import MeshingError, mesh_domain

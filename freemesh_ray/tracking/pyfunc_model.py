@@ -26,7 +26,7 @@ from mlflow.pyfunc import PythonModel
 
 from envs.types import DomainError
 from freemesh_ray.mesher import MeshingError
-from freemesh_ray.mesher.api import mesh
+from freemesh_ray.mesher.polygon_to_mesh import mesh
 from freemesh_ray.policies.policy import Policy
 
 

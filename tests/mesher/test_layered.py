@@ -7,10 +7,10 @@ import pytest
 
 from envs.errors import UserError
 from envs.polygons.boundary_layers import Layers, boundary_layers
-from envs.polygons.domain import from_rings
 from envs.polygons.layer_loops import Rows
+from envs.polygons.validation import from_rings
 from envs.types import Floats
-from freemesh_ray.mesher.api import Mesh
+from freemesh_ray.mesher.polygon_to_mesh import Mesh
 from freemesh_ray.meshes.layered import with_layers
 
 

@@ -24,9 +24,9 @@ from freemesh_ray.report import pictures
 from freemesh_ray.report.against_paper import median_seed, paper_table
 from freemesh_ray.report.machine import machine, model
 from freemesh_ray.report.outcomes import Evidence, evidence, judged, judged_together
+from freemesh_ray.report.ranked_draws import Ranked, nothing_completed, ranking
 from freemesh_ray.report.report import write
 from freemesh_ray.report.results import TrialResult, read
-from freemesh_ray.report.search import Ranked, nothing_completed, ranking
 from freemesh_ray.report.transfer import Transfer, transfer
 from freemesh_ray.report.variants import return_threshold, variant_results
 from freemesh_ray.statistics.bootstrap import Interval

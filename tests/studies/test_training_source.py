@@ -50,7 +50,7 @@ def digests(root: Path) -> dict[str, str]:
         ("freemesh_ray/training/loop.py", "freemesh_ray/training"),
         ("freemesh_ray/policies/evaluation.py", "freemesh_ray/policies"),
         ("freemesh_ray/report/report.py", None),
-        ("freemesh_ray/serving/server.py", None),
+        ("freemesh_ray/serving/http_process.py", None),
         ("freemesh_ray/studies/runner.py", None),
         ("freemesh_ray/cli/study.py", None),
         ("envs/rendering/window.py", None),

@@ -194,7 +194,7 @@ def test_the_machine_s_clock_set_back_and_forth_changes_nothing(
     assert 0 < trained.progress.seconds < took
     assert all(0 <= status.seconds_left <= 10 * took for status in statuses)
 
-    from freemesh_ray.tracking.store import connect
+    from freemesh_ray.tracking.mlflow_store import connect
 
     client = connect(settings["tracking"]["uri"])
     (run,) = client.search_runs([client.get_experiment_by_name(settings["tracking"]["experiment"]).experiment_id])
