@@ -27,8 +27,9 @@ from freemesh_ray.studies.plan import SearchPlan, Trial, VariantPlan, default_po
 from freemesh_ray.studies.trainable import TrialTrainable
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Algorithm, Status
+from freemesh_ray.training.loop import Algorithm
 from freemesh_ray.training.run_folder import RunFolder
+from freemesh_ray.training.status import Status
 
 pytestmark = pytest.mark.slow
 

@@ -27,8 +27,8 @@ from freemesh_ray.tracking.journal import Journal, State, latest
 from freemesh_ray.tracking.killed_runs import fail_killed_runs
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Status
 from freemesh_ray.training.progress_line import ProgressLine
+from freemesh_ray.training.status import Status
 
 HOUR, DAY = 3600.0, 86_400.0
 

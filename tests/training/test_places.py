@@ -25,7 +25,7 @@ from envs.errors import UserError
 from envs.kernels.jit import cache_folder
 from freemesh_ray.training import checkpoint, loop
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Status
+from freemesh_ray.training.status import Status
 
 
 def at_steps(steps: int, act: Callable[[], Any]) -> Callable[[Status], None]:

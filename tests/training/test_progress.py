@@ -19,9 +19,10 @@ from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import progress_line
 from freemesh_ray.training.callback import Callbacks
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Status, Training
+from freemesh_ray.training.loop import Training
 from freemesh_ray.training.progress_line import ProgressLine
 from freemesh_ray.training.run_folder import RunFolder
+from freemesh_ray.training.status import Status
 
 
 class Recorder(MLflowRun):
