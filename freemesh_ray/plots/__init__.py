@@ -3,6 +3,7 @@
 Everything is drawn on `Figure` objects of its own, without pyplot: no window, no state shared between callers.
 """
 
+from envs.rendering import quiet_matplotlib as quiet_matplotlib
 from freemesh_ray.plots.bands import Panel, draw_bands
 from freemesh_ray.plots.boxes import PANELS, draw_boxes
 from freemesh_ray.plots.improvement_plot import Pair, draw_improvements
