@@ -8,8 +8,8 @@ from scipy.interpolate import CubicSpline
 from envs.mesh import CurvedEdges, Mesh, edges_of, sides
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.types import Curve
-from freemesh_ray.meshes import lagrange
-from freemesh_ray.meshes.high_order import HighOrder
+from freemesh_ray.mesh_geometry import lagrange
+from freemesh_ray.mesh_geometry.high_order import HighOrder
 
 FULL = 2.0 * np.pi
 

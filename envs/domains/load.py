@@ -14,7 +14,7 @@ from envs.domains.endless import EndlessDomains
 from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
 from envs.domains.varied_domain import VariedDomains
-from envs.plug_ins.loading import is_spec
+from envs.plug_ins.lookup import is_spec
 from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.geometry import Geometry
 from envs.polygons.size_cells import Size

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.plug_ins.loading import function, subclass
+from envs.plug_ins.lookup import function, subclass
 from envs.plug_ins.named_object import PlugIn
 from envs.types import Domain, Floats, MeshingParameters
 

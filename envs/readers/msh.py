@@ -17,8 +17,8 @@ import numpy as np
 
 from envs.polygons.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates, check_rings, extent
+from envs.readers.closed_loops import faces
 from envs.readers.file_check import excerpt
-from envs.readers.loops import faces
 from envs.readers.nesting import nested
 from envs.readers.physical import names_of
 from envs.types import DomainError, Floats, Ints

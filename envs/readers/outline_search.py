@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 
 from envs.polygons.curves import Flattening
 from envs.polygons.rings import check_coordinates, check_count, place
+from envs.readers.closed_loops import loop, regions_and_strays
 from envs.readers.joins import SLIP, Gap, gaps, joined
-from envs.readers.loops import loop, regions_and_strays
 from envs.readers.nesting import Rings
 from envs.readers.piece_network import (
     Chords,

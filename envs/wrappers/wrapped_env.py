@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.vector import SyncVectorEnv
 
 from envs.mesh_env import MeshEnv, Task
-from envs.plug_ins.loading import subclass
-from envs.wrappers.guard import KEY, Guard, base
+from envs.plug_ins.lookup import subclass
+from envs.wrappers.outermost import KEY, Guard, base
 
 
 class Tasks:

@@ -11,7 +11,7 @@ from ray import cloudpickle
 
 from envs.domains.load import source
 from envs.errors import PluginError
-from envs.plug_ins.loading import is_spec, subclass
+from envs.plug_ins.lookup import is_spec, subclass
 from envs.plug_ins.search_path import folders
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from freemesh_ray.report.one_study import write
 from freemesh_ray.report.overview import StudySummary, summary
-from freemesh_ray.report.report import write
 from freemesh_ray.studies.study_folder import StudyFolder
 from freemesh_ray.tracking import MLflowRun, Summary, VariantSummary, browsing, summarise
 
@@ -17,7 +17,7 @@ def at_end(folder: Path, run: MLflowRun) -> None:
     """Write the report of a study that comes to its end, and describe its run.
 
     Raises:
-        StudyError, ConfigError, OutputError: as `freemesh_ray.report.report.write`.
+        StudyError, ConfigError, OutputError: as `freemesh_ray.report.one_study.write`.
     """
     write(folder)
     run.summarise(told(summary(folder), StudyFolder(folder).study().name))

@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         DomainError, PolicyError, RunError, MeshFileError, OutputError: what is wrong with the input.
     """
     from envs.domains.load import load
-    from freemesh_ray.compare import foreign_mesh, named_meshers, tables
+    from freemesh_ray.compare import foreign_mesh, named_meshers, output
     from freemesh_ray.compare.comparison import compare
     from freemesh_ray.storage.atomic import check_writable
 
@@ -94,13 +94,13 @@ def run(options: argparse.Namespace) -> int:
         domains,
         columns,
         folder,
-        lambda row: note(tables.line(row)),
+        lambda row: note(output.line(row)),
         drawn=options.pictures,
         absent=peers.absent,
         matched=options.match_elements,
     )
     note()
-    say(tables.summary([row for entry in done for row in entry.rows], peers.absent))
+    say(output.summary([row for entry in done for row in entry.rows], peers.absent))
     note()
     if folder is None:
         note("all metrics and pictures: --out FOLDER")

@@ -90,7 +90,7 @@ def generalisation(options: argparse.Namespace) -> str:
 
 def quality(options: argparse.Namespace) -> str:
     """The tables of all meshers; their meshes are drawn, too."""
-    from freemesh_ray.compare import foreign_mesh, named_meshers, tables
+    from freemesh_ray.compare import foreign_mesh, named_meshers, output
     from freemesh_ray.compare.comparison import compare
     from freemesh_ray.compare.stages import stages
     from freemesh_ray.paper_tables.outliers import outliers
@@ -102,7 +102,7 @@ def quality(options: argparse.Namespace) -> str:
     make = maker(options)
     columns += stages(next(iter(policies(options).values())), make)
     folder = Path(options.out) if options.out else None
-    done = compare(found, columns, folder, lambda row: note(tables.line(row)))
+    done = compare(found, columns, folder, lambda row: note(output.line(row)))
     note()
     return f"{quality(done)}\n{outliers(done)}"
 

@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         StudyError, ConfigError, RecordsError, OutputError: what is wrong with the input.
     """
-    from freemesh_ray.report.report import write_results
+    from freemesh_ray.report.one_study import write_results
     from freemesh_ray.report.results import from_records
     from freemesh_ray.report.several import together
     from freemesh_ray.report.sources import results_of

@@ -8,7 +8,7 @@ import numpy as np
 
 from envs.types import Floats
 from freemesh_ray.compare.mixed_mesh import MixedMesh
-from freemesh_ray.meshes.metrics import by_element, irregular, irregular_authors
+from freemesh_ray.mesh_geometry.metrics import by_element, irregular, irregular_authors
 
 
 def pooled(metrics: Sequence[str], meshers: Sequence[str], meshes: Sequence[MixedMesh]) -> dict[str, dict[str, Floats]]:

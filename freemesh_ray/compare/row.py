@@ -10,8 +10,8 @@ from envs.mdp.size_field import size_field, sizes_at
 from envs.types import Domain, Floats, MeshingParameters
 from freemesh_ray.compare.boundary_change import BoundaryChange
 from freemesh_ray.compare.mixed_mesh import MixedMesh
-from freemesh_ray.meshes import wanted_sizes
-from freemesh_ray.meshes.metrics import angles_within, measure
+from freemesh_ray.mesh_geometry import wanted_sizes
+from freemesh_ray.mesh_geometry.metrics import angles_within, measure
 
 
 @dataclass(frozen=True)

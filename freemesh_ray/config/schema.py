@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from envs.plug_ins.loading import SPEC, is_spec, plug_in
+from envs.plug_ins.lookup import SPEC, is_spec, plug_in
 from envs.plug_ins.named_object import PlugIn
 from envs.types import COUNT, NAMED, SETTINGS, TINY
 from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, Hyperparameter, settings_by_key

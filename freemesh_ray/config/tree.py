@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from envs.plug_ins.environment_parts import PlugIns
-from envs.plug_ins.loading import is_spec
+from envs.plug_ins.lookup import is_spec
 from envs.plug_ins.search_path import look_in
 from envs.types import SETTINGS, MeshingParameters
 from freemesh_ray.config.algorithms import ALGORITHMS, settings_by_key

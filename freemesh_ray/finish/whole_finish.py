@@ -23,7 +23,7 @@ from freemesh_ray.finish.halfedges import NONE, QUADS, VERTICES, Halfedges, buil
 from freemesh_ray.finish.optimiser import NO_SIZES, descend, descent
 from freemesh_ray.finish.refill import EFFORTS, USUAL, Effort, refill
 from freemesh_ray.finish.snapping import renumbered
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.mesh_geometry.metrics import irregular
 
 #: Steps of all vertices at once: before the clean-up; after it; and then with the sharp stand-in.
 FIRST_STEPS, STEPS, SHARP_STEPS = 30, 120, 60

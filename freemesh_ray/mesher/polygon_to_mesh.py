@@ -19,12 +19,12 @@ from envs.polygons.sizing import CURVATURE
 from envs.readers.size_input import size_of
 from envs.types import NO_WISHES, Domain, Floats, WantedSizes
 from freemesh_ray import export, plots
+from freemesh_ray.mesh_geometry import swept
+from freemesh_ray.mesh_geometry.assembly import Part, assembled
+from freemesh_ray.mesh_geometry.metrics import measure
+from freemesh_ray.mesh_geometry.mirrored import mirrored
+from freemesh_ray.mesh_geometry.swept import SweptMesh
 from freemesh_ray.mesher import MeshResult, mesh_domain
-from freemesh_ray.meshes import swept
-from freemesh_ray.meshes.assembly import Part, assembled
-from freemesh_ray.meshes.metrics import measure
-from freemesh_ray.meshes.mirrored import mirrored
-from freemesh_ray.meshes.swept import SweptMesh
 from freemesh_ray.plots import replay
 from freemesh_ray.policies.policy import DEFAULT, DENSITY, SHIPPED, Policy
 
@@ -109,7 +109,7 @@ class Mesh(PlainMesh):
             min_angle, max_angle: mean |least angle - 90| and |largest angle - 90|, degrees; 0 is best.
             scaled_jacobian: -1 to 1 (a rectangle); stretch: 0 to 1 (a square); taper: 0 (a parallelogram) and above.
             triangles, non_convex: numbers, always 0.
-            And ``_authors``, ``_paper``: the same by other definitions (see ``meshes.metrics.measure``).
+            And ``_authors``, ``_paper``: the same by other definitions (see ``mesh_geometry.metrics.measure``).
         """
         return measure(self)
 
@@ -118,13 +118,13 @@ class Mesh(PlainMesh):
         plots.draw_mesh(self, Path(path))
 
     def extruded(self, height: float, layers: int = 1, ratio: float = 1.0, *, order: int = 1) -> SweptMesh:
-        """The hexahedra between the mesh and itself at a height; see meshes.swept.extruded."""
+        """The hexahedra between the mesh and itself at a height; see mesh_geometry.swept.extruded."""
         return swept.extruded(self, height, layers, ratio, order=order)
 
     def revolved(
         self, degrees: float = 360.0, layers: int = 24, axis: str | Sequence[Sequence[float]] = "y", *, order: int = 1
     ) -> SweptMesh:
-        """The hexahedra that the mesh leaves behind when it turns around an axis; see meshes.swept.revolved."""
+        """The hexahedra that the mesh leaves behind when it turns around an axis; see mesh_geometry.swept.revolved."""
         return swept.revolved(self, degrees, layers, axis_of(axis, self.name), order=order)
 
     def write(

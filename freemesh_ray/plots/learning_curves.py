@@ -10,7 +10,7 @@ from matplotlib.ticker import EngFormatter
 
 from freemesh_ray.plots.colours import INK, SERIES
 from freemesh_ray.plots.page import WIDTH, page, save
-from freemesh_ray.statistics.curves import Curve, aligned
+from freemesh_ray.statistics.aligned_curves import Curve, aligned
 
 
 def draw_curves(

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure, SubFigure
 
 from envs.mesh import Mesh
 from envs.quality import element_quality
-from freemesh_ray.meshes.metrics import irregular, measure
-from freemesh_ray.meshes.protocol import PlaneMesh
+from freemesh_ray.mesh_geometry.metrics import irregular, measure
+from freemesh_ray.mesh_geometry.protocol import PlaneMesh
 from freemesh_ray.plots.colours import COLOURS, FEW, FRONT, INK, MANY, QUALITY, TRIANGLE
 from freemesh_ray.plots.page import WIDTH, page, save
 

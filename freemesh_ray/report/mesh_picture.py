@@ -12,7 +12,7 @@ from envs.mesh import Mesh
 from envs.printable import printable
 from envs.quality import element_quality
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.mesh_geometry.metrics import irregular
 from freemesh_ray.plots import caption
 from freemesh_ray.plots.colours import FEW, FRONT, INK, MANY, scale
 from freemesh_ray.plots.mesh_plot import front

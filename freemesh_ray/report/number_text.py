@@ -6,8 +6,8 @@ import math
 
 from envs.types import Floats
 from freemesh_ray.policies.evaluation import DETERMINISTIC, mode_and_figure
+from freemesh_ray.statistics.aligned_curves import mean_and_deviation
 from freemesh_ray.statistics.bootstrap import Interval
-from freemesh_ray.statistics.curves import mean_and_deviation
 
 
 def final(metric: str) -> str:

@@ -28,8 +28,8 @@ from freemesh_ray.report.variants import (
     return_threshold,
     variant_results,
 )
+from freemesh_ray.statistics.aligned_curves import mean_and_deviation
 from freemesh_ray.statistics.bootstrap import EVERYTHING, Interval
-from freemesh_ray.statistics.curves import mean_and_deviation
 
 #: Figures that lie in [0, 1].
 RATES = ("completion_rate", "element_quality", "score")

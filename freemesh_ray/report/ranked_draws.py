@@ -20,7 +20,7 @@ from freemesh_ray.report.number_text import count, final
 from freemesh_ray.report.pictures import in_every_format
 from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.report.sections import Picture
-from freemesh_ray.statistics.curves import final_value
+from freemesh_ray.statistics.aligned_curves import final_value
 from freemesh_ray.studies.definition import Study
 
 #: Metrics of a trial beside its settings -> column, format.

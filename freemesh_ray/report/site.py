@@ -25,7 +25,7 @@ from freemesh_ray.records.schema import FILE
 from freemesh_ray.report import EPISODES, html_page
 from freemesh_ray.report.best_meshes import described
 from freemesh_ray.report.number_text import count, span
-from freemesh_ray.report.report import write_results
+from freemesh_ray.report.one_study import write_results
 from freemesh_ray.report.results import Results, from_records, read
 from freemesh_ray.report.to_records import newest
 from freemesh_ray.statistics.verdict import Verdict

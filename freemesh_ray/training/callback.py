@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from envs.errors import PluginError
-from envs.plug_ins.loading import subclass
+from envs.plug_ins.lookup import subclass
 
 if TYPE_CHECKING:
     from freemesh_ray.training.run import Run

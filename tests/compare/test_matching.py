@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from envs.domains.load import from_rings, load
 from envs.types import Domain
 from freemesh_ray.cli import command
-from freemesh_ray.compare import named_meshers, tables
+from freemesh_ray.compare import named_meshers, output
 from freemesh_ray.compare.boundary_change import boundary_change
 from freemesh_ray.compare.comparison import compare
 from freemesh_ray.compare.matching import LEAST, MOST, TOLERANCE, TRIES, match
@@ -130,7 +130,7 @@ def test_nothing_to_match_is_told() -> None:
     peer = Mesher("near", lambda domain: [strip(150, "near")], near)
     (compared,) = compare([DOMAIN], [Mesher("ours", none), peer], None, lambda row: None, matched=True)
     assert [row.remark for row in compared.rows] == ["", "not matched: there is no mesh to match"]
-    assert "size x" not in tables.tables(compared.rows, tables.FULL)
+    assert "size x" not in output.tables(compared.rows, output.FULL)
 
 
 def test_matching_nothing_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

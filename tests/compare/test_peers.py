@@ -20,7 +20,7 @@ from freemesh_ray.compare.gmsh_mesher import VARIANTS, started
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
 from freemesh_ray.compare.named_meshers import installed_peers, peer_mesh
 from freemesh_ray.compare.peers import PACKAGES, PEERS
-from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.mesh_geometry.metrics import measure
 
 
 def covered(mesh: MixedMesh) -> float:

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from envs.plug_ins.environment_parts import PlugIns
-from envs.plug_ins.loading import SPEC
+from envs.plug_ins.lookup import SPEC
 from envs.types import NAMED, SETTINGS, TINY, MeshingParameters
 from freemesh_ray.config import (
     ALGORITHMS,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
 from checkout import ROOT
@@ -35,6 +37,27 @@ def checked(package: str) -> list[set[str]]:
     return floors(contract["layers"])
 
 
+def package_of(path: Path) -> str:
+    """The package that a file or a folder of this checkout is in."""
+    return ".".join((path if path.is_dir() else path.parent).relative_to(ROOT).parts)
+
+
+def arrows() -> set[tuple[str, str]]:
+    """Pairs of packages of which a file of the first imports from the second."""
+    found = set()
+    for path in (path for package in CONTRACTS for path in (ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            for name in names:
+                full = f"{node.module}.{name}" if isinstance(node, ast.ImportFrom) else name
+                place = ROOT / full.replace(".", "/")
+                while not place.is_dir():
+                    place = place.parent
+                if package_of(place).split(".")[0] in CONTRACTS:
+                    found.add((package_of(path), package_of(place)))
+    return {(a, b) for a, b in found if a != b}
+
+
 @pytest.mark.parametrize("package", CONTRACTS)
 def test_the_drawing_shows_the_layers_that_are_checked(package: str) -> None:
     assert drawn(package) == checked(package)
@@ -42,3 +65,10 @@ def test_the_drawing_shows_the_layers_that_are_checked(package: str) -> None:
 
 def test_few_files_lie_beside_the_packages_of_the_meshing_world() -> None:
     assert len(list((ROOT / "envs").glob("*.py"))) <= LOOSE
+
+
+def test_the_packages_and_the_imports_between_them_are_as_many_as_the_page_says() -> None:
+    said = re.search(r"(\d+) packages, with (\d+) arrows", (ROOT / "docs" / "how-it-works.md").read_text())
+    assert said is not None
+    packages = {path.parent for package in CONTRACTS for path in (ROOT / package).rglob("__init__.py")}
+    assert (len(packages), len(arrows())) == tuple(map(int, said.groups()))

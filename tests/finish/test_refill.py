@@ -57,7 +57,7 @@ from freemesh_ray.finish.refill.ring_filling import (
     toggled_star,
 )
 from freemesh_ray.finish.whole_finish import LOST, better
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.mesh_geometry.metrics import irregular
 
 
 def on_circle(n: int, corners: list[int], room: int = 4000) -> Filling:

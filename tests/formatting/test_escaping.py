@@ -23,7 +23,7 @@ from envs.errors import UserError
 from envs.printable import printable
 from envs.types import DomainError
 from freemesh_ray import export, plots
-from freemesh_ray.compare import tables as comparison
+from freemesh_ray.compare import output as comparison
 from freemesh_ray.compare.boundary_change import BoundaryChange
 from freemesh_ray.compare.row import Row
 from freemesh_ray.formatting import terminal

@@ -19,8 +19,8 @@ from freemesh_ray.compare.comparison import compare
 from freemesh_ray.compare.mixed_mesh import PeerError, assembled
 from freemesh_ray.compare.named_meshers import OURS, RAW, Mesher
 from freemesh_ray.compare.stages import ALONE, SMOOTHED, stages
+from freemesh_ray.mesh_geometry.metrics import by_element
 from freemesh_ray.mesher import MeshingError, MeshResult, mesh_domain
-from freemesh_ray.meshes.metrics import by_element
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.paper_tables.front_shape import front_shape
 from freemesh_ray.paper_tables.generalisation import action_types, generalisation

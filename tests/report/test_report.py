@@ -23,14 +23,14 @@ from freemesh_ray.policies.evaluation import COMPLETION, RETURN
 from freemesh_ray.report import pictures
 from freemesh_ray.report.against_paper import median_seed, paper_table
 from freemesh_ray.report.machine import machine, model
+from freemesh_ray.report.one_study import write
 from freemesh_ray.report.outcomes import Evidence, evidence, judged
 from freemesh_ray.report.ranked_draws import Ranked, nothing_completed, ranking
-from freemesh_ray.report.report import write
 from freemesh_ray.report.results import TrialResult, read
 from freemesh_ray.report.transfer import Transfer, transfer
 from freemesh_ray.report.variants import return_threshold, variant_results
+from freemesh_ray.statistics.aligned_curves import final_value
 from freemesh_ray.statistics.bootstrap import Interval
-from freemesh_ray.statistics.curves import final_value
 from freemesh_ray.statistics.permutation import p_value
 from freemesh_ray.statistics.verdict import Verdict
 from freemesh_ray.storage.atomic import OutputError

@@ -19,7 +19,7 @@ import pytest
 import yaml
 from process_tree import running
 
-from freemesh_ray.report.report import write
+from freemesh_ray.report.one_study import write
 from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.study_folder import StudyFolder
 from freemesh_ray.tracking import mlflow_store, sync

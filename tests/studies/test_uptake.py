@@ -15,7 +15,7 @@ from freemesh_ray.config import dump
 from freemesh_ray.records import parquet_file
 from freemesh_ray.records.schema import FILE
 from freemesh_ray.records.study_records import RecordsError
-from freemesh_ray.report.report import write
+from freemesh_ray.report.one_study import write
 from freemesh_ray.studies import uptake
 from freemesh_ray.studies.completion_mark import FINISHED, finished
 from freemesh_ray.studies.definition import Study, load

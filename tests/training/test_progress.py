@@ -14,7 +14,7 @@ from told import told
 
 from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.cli.train import COLUMNS, train_table
-from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.mesh_geometry.metrics import measure
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import progress_line
 from freemesh_ray.training.callback import Callbacks

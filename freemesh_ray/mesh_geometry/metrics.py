@@ -20,8 +20,8 @@ import numpy as np
 
 from envs.quality import element_quality
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.index import boundary_of, least_irregular
-from freemesh_ray.meshes.protocol import PlaneMesh
+from freemesh_ray.mesh_geometry.index import boundary_of, least_irregular
+from freemesh_ray.mesh_geometry.protocol import PlaneMesh
 
 #: Degrees by which an angle may be beyond a limit that it is meant to lie on.
 ROUND_OFF = 1e-9

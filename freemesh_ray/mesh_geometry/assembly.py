@@ -11,8 +11,8 @@ from envs.mesh import STRAIGHT, CurvedEdges, Groups, Mesh
 from envs.polygons.along import edges_along
 from envs.polygons.drawing import Line, Place
 from envs.types import Ints
-from freemesh_ray.meshes.cracks import cracked
-from freemesh_ray.meshes.union import Union, first_of_each, union
+from freemesh_ray.mesh_geometry.cracks import cracked
+from freemesh_ray.mesh_geometry.union import Union, first_of_each, union
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from envs.errors import UserError
 from envs.mesh import CurvedEdges, Groups
 from envs.polygons.axis import axis_of
 from envs.types import Floats
-from freemesh_ray.meshes.mirrored import mirrored
+from freemesh_ray.mesh_geometry.mirrored import mirrored
 
 
 class Circle:

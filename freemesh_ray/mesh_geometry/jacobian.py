@@ -14,7 +14,7 @@ from math import comb
 import numpy as np
 
 from envs.types import Floats, Ints
-from freemesh_ray.meshes import lagrange
+from freemesh_ray.mesh_geometry import lagrange
 
 #: How often an element is quartered at most until its coefficients say whether the determinant is positive.
 QUARTERINGS = 6

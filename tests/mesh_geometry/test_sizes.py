@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from freemesh_ray.compare.mixed_mesh import MixedMesh, assembled
-from freemesh_ray.meshes.wanted_sizes import elements_over_wanted, longest_edge, neighbour_ratio, sized_share
+from freemesh_ray.mesh_geometry.wanted_sizes import elements_over_wanted, longest_edge, neighbour_ratio, sized_share
 
 
 def grid(columns: int, rows: int, seed: int, moved: float = 0.3) -> MixedMesh:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from freemesh_ray.meshes import node_order
+from freemesh_ray.mesh_geometry import node_order
 
 ORDERS = (1, 2, 3, 4, 5)
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from envs.polygons.rings import signed_area
 from envs.types import DomainError, Floats
-from freemesh_ray.meshes.metrics import irregular
-from freemesh_ray.meshes.transfinite import divided, transfinite
+from freemesh_ray.mesh_geometry.metrics import irregular
+from freemesh_ray.mesh_geometry.transfinite import divided, transfinite
 
 
 def joined(*sides: Floats) -> tuple[Floats, list[int]]:

@@ -15,8 +15,8 @@ from envs.polygons.curved_edges import curved_edges, on_curves
 from envs.polygons.drawing import Line
 from envs.polygons.exact_curves import EllipseArc
 from freemesh_ray import mesh as meshed
-from freemesh_ray.meshes import lagrange
-from freemesh_ray.meshes.high_order import high_order
+from freemesh_ray.mesh_geometry import lagrange
+from freemesh_ray.mesh_geometry.high_order import high_order
 
 
 def drawn(seed: int) -> tuple[Mesh, float]:

@@ -15,8 +15,8 @@ from envs.errors import UserError
 from envs.mesh import CurvedEdges, Groups, Mesh, edges_of
 from envs.polygons.axis import axis_of
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.hexahedra import AROUND, EDGES, FACES, corner_jacobians, faces_of, volumes
-from freemesh_ray.meshes.swept import SweptMesh, extruded, revolved
+from freemesh_ray.mesh_geometry.hexahedra import AROUND, EDGES, FACES, corner_jacobians, faces_of, volumes
+from freemesh_ray.mesh_geometry.swept import SweptMesh, extruded, revolved
 
 #: The powers of the 20-node hexahedron's shape functions, and its nodes.
 CORNERS = np.array(

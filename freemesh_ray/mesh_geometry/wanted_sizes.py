@@ -11,7 +11,7 @@ import numpy as np
 
 from envs.mesh import sides
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.protocol import PlaneMesh
+from freemesh_ray.mesh_geometry.protocol import PlaneMesh
 
 #: From places (k, 2) to the edge length wanted at each, (k,), above 0.
 Sizes = Callable[[Floats], Floats]

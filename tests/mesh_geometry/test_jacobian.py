@@ -8,9 +8,9 @@ from curved_meshes import jacobians
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from freemesh_ray.meshes import lagrange
-from freemesh_ray.meshes.high_order import HighOrder
-from freemesh_ray.meshes.jacobian import least_jacobian
+from freemesh_ray.mesh_geometry import lagrange
+from freemesh_ray.mesh_geometry.high_order import HighOrder
+from freemesh_ray.mesh_geometry.jacobian import least_jacobian
 
 
 def element(order: int, nodes: np.ndarray) -> HighOrder:

@@ -25,9 +25,9 @@ import numpy as np
 
 from envs.mesh import Mesh, sides
 from envs.types import Floats, Ints
-from freemesh_ray.meshes import lagrange
-from freemesh_ray.meshes.jacobian import least_jacobian
-from freemesh_ray.meshes.lifting import lifted
+from freemesh_ray.mesh_geometry import lagrange
+from freemesh_ray.mesh_geometry.jacobian import least_jacobian
+from freemesh_ray.mesh_geometry.lifting import lifted
 
 #: Rows of elements around one that is turned over that the bend may be carried into, tried one after the other.
 ROWS = (0, 1, 2, 4, 8, 16)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from envs.types import Floats, Ints
-from freemesh_ray.meshes import lagrange
+from freemesh_ray.mesh_geometry import lagrange
 
 
 def lifted(

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from envs.mesh import Mesh
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.index import boundary_of, ideal_elements, index, inner_quarters, least_irregular
-from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.mesh_geometry.index import boundary_of, ideal_elements, index, inner_quarters, least_irregular
+from freemesh_ray.mesh_geometry.metrics import measure
 
 SQUARE = np.array([[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]], dtype=float)
 L_SHAPE = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], dtype=float)

@@ -14,8 +14,8 @@ from envs.mesh import CurvedEdges, Groups, Mesh
 from envs.polygons.exact_curves import CircleArc, EllipseArc
 from envs.types import Curve
 from freemesh_ray.export.plane import plane_elements
-from freemesh_ray.meshes import lagrange
-from freemesh_ray.meshes.high_order import HighOrder, high_order, spoiled
+from freemesh_ray.mesh_geometry import lagrange
+from freemesh_ray.mesh_geometry.high_order import HighOrder, high_order, spoiled
 
 ORDERS = (2, 3, 4)
 orders = st.sampled_from(ORDERS)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from plugged import Write, modules
 
 from envs.errors import BAD_INPUT, PluginError
-from envs.plug_ins import loading, source_files
+from envs.plug_ins import lookup, source_files
 
 NAME = st.from_regex(r"[a-zA-Z_]\w{0,6}(\.[a-zA-Z_]\w{0,6}){0,2}", fullmatch=True)
 
@@ -28,25 +28,25 @@ def write(tmp_path: Path) -> Iterator[Write]:
 
 @given(NAME, NAME)
 def test_a_name_is_a_module_and_what_is_in_it(module: str, name: str) -> None:
-    assert loading.is_spec(f"{module}:{name}")
+    assert lookup.is_spec(f"{module}:{name}")
     for text in (module, f"{module}:", f":{name}", f"{module}:{name}:{name}", f"{module}: {name}", f"{module}/{name}"):
-        assert not loading.is_spec(text)
+        assert not lookup.is_spec(text)
 
 
 @pytest.mark.parametrize(
     "text", ["random:7", "part:7", "random:7_holes=1", "http://host:80", "C:\\part.dxf", "a.json", 7]
 )
 def test_what_settings_hold_besides_names_no_plug_in(text: object) -> None:
-    assert not loading.is_spec(text)
+    assert not lookup.is_spec(text)
 
 
 def test_an_object_is_found_in_a_folder_that_is_not_python_s_and_by_processes_started_from_here(write: Write) -> None:
     name = write("class A:\n    class B:\n        @staticmethod\n        def f(x):\n            return 2 * x\n")
-    found = loading.plug_in(f"{name}:A.B.f", "env.reward")
+    found = lookup.plug_in(f"{name}:A.B.f", "env.reward")
     assert (found(3), found.name) == (6, "f")
     assert found.file.endswith(f"{name}.py")
-    line = f"from envs.plug_ins.loading import plug_in; print(plug_in('{name}:A.B.f', 'env.reward')(4))"
-    root = str(Path(loading.__file__).parents[2])
+    line = f"from envs.plug_ins.lookup import plug_in; print(plug_in('{name}:A.B.f', 'env.reward')(4))"
+    root = str(Path(lookup.__file__).parents[2])
     told = subprocess.run([sys.executable, "-c", line], cwd="/", env=os.environ | {"PYTHONPATH": root},
                           capture_output=True, text=True, timeout=60)  # fmt: skip
     assert told.stdout == "8\n", told.stderr
@@ -54,9 +54,9 @@ def test_an_object_is_found_in_a_folder_that_is_not_python_s_and_by_processes_st
 
 def test_a_plug_in_hides_no_module_of_python(write: Write, tmp_path: Path) -> None:
     (tmp_path / "json.py").write_text("def mine(): ...\n")
-    loading.plug_in(f"{write('X = 1')}:X", "env.reward")
+    lookup.plug_in(f"{write('X = 1')}:X", "env.reward")
     with pytest.raises(PluginError, match=r"json\W__init__\.py has no mine"):
-        loading.plug_in("json:mine", "env.reward")
+        lookup.plug_in("json:mine", "env.reward")
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_a_plug_in_hides_no_module_of_python(write: Write, tmp_path: Path) -> No
 def test_what_cannot_be_had_is_one_line(source: str, name: str, words: str, write: Write, tmp_path: Path) -> None:
     module = write(source)
     with pytest.raises(PluginError) as caught:
-        loading.function(f"{module}:{name}", "env.reward", "a function of a step")
+        lookup.function(f"{module}:{name}", "env.reward", "a function of a step")
     line = str(caught.value)
     assert line.startswith(f"env.reward: {module}:{name}: ")
     assert line.endswith(words.replace("FILE", str(tmp_path / f"{module}.py")))
@@ -93,19 +93,19 @@ def test_what_cannot_be_had_is_one_line(source: str, name: str, words: str, writ
 def test_a_module_that_is_missing_says_where_to_put_it(write: Write, tmp_path: Path) -> None:
     for name in ("missing_module:f", "missing_module.below:f"):
         with pytest.raises(PluginError, match=f"no module missing_module: put missing_module.py into {tmp_path}"):
-            loading.plug_in(name, "env.reward")
+            lookup.plug_in(name, "env.reward")
     with pytest.raises(PluginError, match=r"no module json\.below: check the name"):
-        loading.plug_in("json.below:f", "env.reward")
+        lookup.plug_in("json.below:f", "env.reward")
 
 
 def test_what_a_plug_in_raises_is_told_with_its_line(write: Write, tmp_path: Path) -> None:
     module = write("import numpy\n\ndef f(x):\n    return numpy.linalg.inv(x)\n\ndef g(x):\n    raise ValueError\n")
     with pytest.raises(PluginError) as caught:
-        loading.plug_in(f"{module}:f", "env.reward")(np.zeros((2, 2)))
+        lookup.plug_in(f"{module}:f", "env.reward")(np.zeros((2, 2)))
     place = tmp_path / f"{module}.py"
     assert str(caught.value) == f"env.reward: {module}:f: raised LinAlgError: Singular matrix ({place}:4): mend it"
     with pytest.raises(PluginError, match=r"raised ValueError \(.*:7\): mend it"):
-        loading.plug_in(f"{module}:g", "env.reward")(0)
+        lookup.plug_in(f"{module}:g", "env.reward")(0)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_what_a_plug_in_raises_is_told_with_its_line(write: Write, tmp_path: Pat
 )
 def test_only_finite_numbers_are_numbers(value: object, words: str) -> None:
     with pytest.raises(PluginError, match=words):
-        loading.plug_in(lambda: value, "env.reward").number()
+        lookup.plug_in(lambda: value, "env.reward").number()
 
 
 def test_the_digest_is_that_of_the_source(write: Write, tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from curved_meshes import blob, inside, jacobians, straight, unit_circle
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
-from freemesh_ray.meshes import lagrange
-from freemesh_ray.meshes.high_order import HighOrder, high_order
+from freemesh_ray.mesh_geometry import lagrange
+from freemesh_ray.mesh_geometry.high_order import HighOrder, high_order
 
 
 def solution(p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.mesh import CurvedEdges, Groups, Mesh, sides
 from envs.types import DomainError, Ints
-from freemesh_ray.meshes.opening import opened
+from freemesh_ray.mesh_geometry.opening import opened
 
 #: What the names of a crack's sides end in: left and right as seen along it.
 LEFT, RIGHT = "_left", "_right"

@@ -27,9 +27,9 @@ from envs.mesh import Mesh, edges_of
 from envs.polygons.axis import Axis, axis_of
 from envs.polygons.rings import extent, place
 from envs.types import RELATIVE_TOLERANCE, Floats, Ints
-from freemesh_ray.meshes.axis_core import Core, column_of, disc
-from freemesh_ray.meshes.hexahedra import keys_of, with_middles
-from freemesh_ray.meshes.index import boundary_of
+from freemesh_ray.mesh_geometry.axis_core import Core, column_of, disc
+from freemesh_ray.mesh_geometry.hexahedra import keys_of, with_middles
+from freemesh_ray.mesh_geometry.index import boundary_of
 
 #: Hexahedra at most: with middles a million of them take a gigabyte on the way.
 MOST_HEXAHEDRA = 5_000_000

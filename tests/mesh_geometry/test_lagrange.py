@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from freemesh_ray.meshes import lagrange
+from freemesh_ray.mesh_geometry import lagrange
 
 
 @given(st.integers(1, 6), st.lists(st.floats(-1.0, 2.0), min_size=1, max_size=5), st.booleans())

@@ -15,7 +15,7 @@ import numpy as np
 
 from envs.mesh import sides
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.protocol import PlaneMesh
+from freemesh_ray.mesh_geometry.protocol import PlaneMesh
 
 
 def index(vertices: Floats, segments: Ints) -> int:

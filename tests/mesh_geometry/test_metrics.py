@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from envs.mesh import Mesh
 from envs.quality import element_quality
 from freemesh_ray.compare.mixed_mesh import assembled, of_mesh
-from freemesh_ray.meshes.metrics import (
+from freemesh_ray.mesh_geometry.metrics import (
     angles_within,
     by_element,
     inner_angles,
