@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from envs.drawing import Curve
-from envs.types import Floats, Ints
+from envs.types import Curve, Floats, Ints
 
 
 def sides(elements: Ints) -> Ints:

@@ -14,9 +14,9 @@ from envs.domains.load import source
 from envs.mdp.action import ACTION_TYPES, REJECTIONS
 from envs.mdp.episodes import Episodes
 from envs.mdp.observation import bounds
-from envs.render import SIZE, draw_episode
+from envs.rendering.frame import SIZE, draw_episode
+from envs.rendering.window import Window
 from envs.types import NAMED, SETTINGS, Domain, DomainSupply, MeshingParameters
-from envs.window import Window
 
 #: What a domain can be given as: a name, a file, or the thing itself; several are drawn from at each reset.
 DomainSpec = str | Domain | DomainSupply | Sequence[str | Domain | DomainSupply]
@@ -112,9 +112,10 @@ class MeshEnv(gym.Env[np.ndarray, np.ndarray]):
             them to draw from at each reset.
         render_mode: ``"rgb_array"``, None, or ``"human"``: a window that shows every step, by pygame.
         parameters: the numbers of the MDP, by default the paper's.
-        reward: a function of an ``envs.mdp.plug_ins.Step`` in place of the paper's reward, or ``package.module:Name``.
+        reward: a function of an ``envs.mdp.user_defined.Step`` in place of the paper's reward, or its name,
+            ``package.module:Name``.
         observe: a class of observations in place of the paper's, likewise: made with the parameters it has ``low`` and
-            ``high``, (size,) each, and is called with an ``envs.mdp.plug_ins.View``.
+            ``high``, (size,) each, and is called with an ``envs.mdp.user_defined.View``.
         options: what differs from the parameters, see `parameters_of`.
 
     Observation, action, reward and the end of an episode: see the files of ``envs.mdp``.

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
 from envs.kernels.geometry import angle
+from envs.kernels.jit import compiled, inlined
 from envs.types import MAX_ELEMENT_ANGLE, MIN_ELEMENT_ANGLE, Floats, Ints
 
 

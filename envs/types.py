@@ -138,6 +138,19 @@ class WantedSizes:
 NO_WISHES = WantedSizes()
 
 
+class Curve(Protocol):
+    """A smooth curve that a polyline stands for, exact."""
+
+    def nearest(self, points: Floats, /) -> Floats:
+        """(m,) parameters of the curve's nearest places to (m, 2) points."""
+
+    def at(self, parameters: Floats, /) -> Floats:
+        """(m, 2) places on the curve at (m,) parameters."""
+
+    def between(self, a: Floats, b: Floats, fractions: Floats, /) -> Floats:
+        """(m, f, 2) places at (f,) fractions of the curve's length from (m, 2) places a on it to b, the shorter way."""
+
+
 class DomainSupply(Protocol):
     """An endless supply of domains: what an episode can be begun on in place of one domain.
 

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from envs.mdp.action import ACTION_TYPES, REJECTIONS
 from envs.mdp.episodes import Episodes
 from envs.mesh_env import DomainSpec, Task, domains_of, ending, parameters_of, spaces_of
-from envs.render import draw_episode
+from envs.rendering.frame import draw_episode
 from envs.types import MeshingParameters
 
 _REJECTIONS = np.array(REJECTIONS)

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from envs.errors import PluginError
-    from freemesh_ray.api.study import study
-    from freemesh_ray.api.train import train
-    from freemesh_ray.api.trainable import MeshTrainable as trainable
-    from freemesh_ray.mesher.api import Mesh, mesh
+    from freemesh_ray.api.run_study import study
+    from freemesh_ray.api.run_training import train
+    from freemesh_ray.api.tune_class import MeshTrainable as trainable
+    from freemesh_ray.mesher.polygon_to_mesh import Mesh, mesh
     from freemesh_ray.training.callback import Callback, StopTraining
     from freemesh_ray.training.progress_line import ProgressLine
     from freemesh_ray.training.run import Run
@@ -31,15 +31,15 @@ __all__ = [
 #: Where each lies; imported on demand: the mesher needs no platform, and the platform no mesher.
 _PLACES = {
     "Callback": "freemesh_ray.training.callback:Callback",
-    "Mesh": "freemesh_ray.mesher.api:Mesh",
+    "Mesh": "freemesh_ray.mesher.polygon_to_mesh:Mesh",
     "PluginError": "envs.errors:PluginError",
     "ProgressLine": "freemesh_ray.training.progress_line:ProgressLine",
     "Run": "freemesh_ray.training.run:Run",
     "StopTraining": "freemesh_ray.training.callback:StopTraining",
-    "mesh": "freemesh_ray.mesher.api:mesh",
-    "study": "freemesh_ray.api.study:study",
-    "train": "freemesh_ray.api.train:train",
-    "trainable": "freemesh_ray.api.trainable:MeshTrainable",
+    "mesh": "freemesh_ray.mesher.polygon_to_mesh:mesh",
+    "study": "freemesh_ray.api.run_study:study",
+    "train": "freemesh_ray.api.run_training:train",
+    "trainable": "freemesh_ray.api.tune_class:MeshTrainable",
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 from processes import Server, mlflow_server
 
-from freemesh_ray.tracking import store
+from freemesh_ray.tracking import mlflow_store
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
@@ -19,7 +19,7 @@ settings.load_profile("repeatable")
 def blank_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An MLflow database without runs; to copy it is much faster than to make one."""
     path = tmp_path_factory.mktemp("store") / "mlflow.db"
-    store.connect(f"sqlite:///{path}")
+    mlflow_store.connect(f"sqlite:///{path}")
     return path
 
 

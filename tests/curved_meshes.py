@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from envs.drawing import Curve
 from envs.mesh import CurvedEdges, Mesh, edges_of, sides
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
-from freemesh_ray.meshes import lagrange
-from freemesh_ray.meshes.high_order import HighOrder
+from envs.types import Curve
+from freemesh_ray.mesh_geometry import lagrange
+from freemesh_ray.mesh_geometry.high_order import HighOrder
 
 FULL = 2.0 * np.pi
 

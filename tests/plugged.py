@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
-from envs import plug_in
+from envs.plug_ins import search_path
 from freemesh_ray.config import ALGORITHMS, SCHEMA
 
 _numbers = itertools.count()
@@ -28,8 +28,8 @@ def modules(folder: Path) -> Iterator[Write]:
         (folder / f"{name}.py").write_text(source, encoding="utf-8")
         return name
 
-    with patch.object(plug_in, "_given", []), patch.dict(os.environ), patch.dict(ALGORITHMS), patch.dict(SCHEMA):
-        plug_in.look_in(folder)
+    with patch.object(search_path, "_given", []), patch.dict(os.environ), patch.dict(ALGORITHMS), patch.dict(SCHEMA):
+        search_path.look_in(folder)
         try:
             yield write
         finally:

@@ -6,7 +6,7 @@ import numpy as np
 
 from envs.mesh import Groups, Mesh, edges_of
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.index import boundary_of
+from freemesh_ray.mesh_geometry.index import boundary_of
 
 
 def grid(columns: int, rows: int, low: tuple[float, float] = (0, 0), high: tuple[float, float] = (1, 1)) -> Mesh:

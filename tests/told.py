@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from freemesh_ray.training.callback import Callback
-from freemesh_ray.training.loop import Status
+from freemesh_ray.training.status import Status
 
 
 class Told(Callback):

@@ -13,7 +13,7 @@ import numpy as np
 from script import require_stable_baselines, run_script
 
 from freemesh_ray import plots
-from freemesh_ray.bench.trainings import DOMAIN, RATIO, algorithm, stable_baselines
+from freemesh_ray.bench.ours_and_sb3 import DOMAIN, RATIO, algorithm, stable_baselines
 from freemesh_ray.cli.arguments import Parser
 from freemesh_ray.formatting.table import table
 from freemesh_ray.local_ray import local_ray

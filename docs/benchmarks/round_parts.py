@@ -11,7 +11,7 @@ import numpy as np
 from round_cost import Costs
 
 from freemesh_ray.bench.gpu import experience
-from freemesh_ray.bench.trainings import BATCH_SIZE, ENVS, algorithm
+from freemesh_ray.bench.ours_and_sb3 import BATCH_SIZE, ENVS, algorithm
 
 #: Two sizes of each thing whose cost is a constant and a slope.
 ENVIRONMENTS = (16, 128)

@@ -28,9 +28,9 @@ from scaling_picture import draw_scaling
 from script import run_script
 
 from freemesh_ray import config
-from freemesh_ray.bench.trainings import BATCH_SIZE, ENVS, FRAGMENT, RATIO, algorithm
+from freemesh_ray.bench.ours_and_sb3 import BATCH_SIZE, ENVS, FRAGMENT, RATIO, algorithm
 from freemesh_ray.cli import arguments
-from freemesh_ray.config.runners import ENOUGH, runner_count
+from freemesh_ray.config.env_runner_count import ENOUGH, runner_count
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage.atomic import check_writable, replacing
 

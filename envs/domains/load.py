@@ -14,15 +14,22 @@ from envs.domains.endless import EndlessDomains
 from envs.domains.random_domain import RandomDomains
 from envs.domains.user_domains import UserDomains
 from envs.domains.varied_domain import VariedDomains
-from envs.drawing import Drawing, Reading
-from envs.plug_in import is_spec
-from envs.polygons.domain import from_polygon, from_ring_with_seam, from_rings, geometry_of, largest_wanted, wanted_at
+from envs.plug_ins.lookup import is_spec
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.geometry import Geometry
 from envs.polygons.size_cells import Size
+from envs.polygons.validation import (
+    from_polygon,
+    from_ring_with_seam,
+    from_rings,
+    geometry_of,
+    largest_wanted,
+    wanted_at,
+)
+from envs.readers.file_check import check_file
 from envs.readers.formats import BY_SUFFIX
 from envs.readers.python_objects import drawing_of
 from envs.readers.read import read
-from envs.readers.source import check_file
 from envs.types import Domain, DomainError, Floats, WantedSizes
 
 __all__ = [
@@ -99,7 +106,7 @@ def load_geometry(
         spec: a catalogue name in any case (``T1``), a seed (``random-7``, ``random-7_spikiness=0.5_holes=1``,
             ``part-7``, ``varied-7``), or the path of a polygon file (the extensions are those of
             :mod:`envs.readers.formats`).
-        layers, join: how a drawing is read, see :class:`envs.drawing.Reading`.
+        layers, join: how a drawing is read, see :class:`envs.polygons.drawing.Reading`.
         edge_length: discretise the outline: every corner stays, a side of length l gets round(l / edge_length) >= 1
             equal segments, a fine and smooth stretch is resampled along itself; every total is then even.
         size: discretise the outline by this size, and by ``edge_length`` where that is less: a function of (m, 2)
@@ -107,7 +114,7 @@ def load_geometry(
             which sizes grow.
         most: polygons at most; None: as many as there are.
         options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``: see
-            :func:`envs.polygons.domain.geometry_of`.
+            :func:`envs.polygons.validation.geometry_of`.
 
     Raises:
         DomainError: the source, the place and the fix in one line.
@@ -134,10 +141,10 @@ def object_geometry(polygon: Any, name: str = "polygon", **options: Any) -> Geom
         polygon: an (n, 2) array or a list of pairs (one ring, which may walk seams to its holes); a list of rings, the
             outer one first; a list of such lists; a shapely Polygon, MultiPolygon or LinearRing, or a list of them; a
             GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``; a
-            :class:`envs.drawing.Drawing`.
+            :class:`envs.polygons.drawing.Drawing`.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
         options: ``fix_parity``, ``edge_length``, ``grading``, ``curvature``, ``size``, ``allow_large``: see
-            :func:`envs.polygons.domain.geometry_of`.
+            :func:`envs.polygons.validation.geometry_of`.
 
     Raises:
         DomainError: an object that holds no polygon, or one that cannot be meshed.

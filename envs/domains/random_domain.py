@@ -11,9 +11,9 @@ import shapely
 
 from envs.domains.endless import HELD_OUT, HELD_OUT_PREFIX, EndlessDomains
 from envs.domains.outline_families import FAMILIES
-from envs.polygons.domain import from_rings
 from envs.polygons.outline import Spacing, corners, discretise, shares, wave
 from envs.polygons.turning import signed_angles
+from envs.polygons.validation import from_rings
 from envs.types import Domain, DomainError, Floats
 
 #: What names of random domains begin with: ``random-7``, ``random-7_spikiness=0.5_holes=1``, ``random-held-out-3``.

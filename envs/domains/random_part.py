@@ -12,9 +12,9 @@ import shapely
 
 from envs.domains.part_families import FAMILIES
 from envs.domains.random_domain import discretised, roomy
-from envs.polygons.domain import from_rings
 from envs.polygons.outline import Spacing, even, near, wave
 from envs.polygons.rings import signed_area
+from envs.polygons.validation import from_rings
 from envs.types import Domain, DomainError, Floats
 
 #: What names of parts begin with, ``part-17``, and what else asks for one: ``part:17``.

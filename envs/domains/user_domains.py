@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from envs.plug_in import PlugIn, function
-from envs.polygons.domain import domains_of
+from envs.plug_ins.lookup import function
+from envs.plug_ins.named_object import PlugIn
+from envs.polygons.validation import domains_of
 from envs.readers.python_objects import polygons_of
 from envs.types import Domain, DomainError
 

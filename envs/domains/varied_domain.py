@@ -15,9 +15,9 @@ import shapely
 
 from envs.domains.endless import HELD_OUT, HELD_OUT_PREFIX, EndlessDomains
 from envs.domains.random_domain import Wishes, attempt, circle, discretised, roomy, turned
-from envs.polygons.domain import from_rings
-from envs.polygons.mesh_size import expected_in_domain
+from envs.polygons.element_count import expected_in_domain
 from envs.polygons.outline import Spacing, even, wave
+from envs.polygons.validation import from_rings
 from envs.types import Domain, DomainError, Floats
 
 #: What names of varied domains begin with (``varied-7``, ``varied-held-out-3``), and what else asks for one.

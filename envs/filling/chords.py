@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.filling.fitness import DUBIOUS, cost_of
-from envs.kernels.compiled import compiled, inlined, inner
+from envs.kernels.jit import compiled, inlined, inner
 from envs.types import Floats, Ints
 
 #: Places of a chord's point: beside the middle, by these shares of the chord's length.

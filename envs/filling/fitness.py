@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined, inner
+from envs.kernels.jit import compiled, inlined, inner
 from envs.kernels.orientation import turns_left
 from envs.quality import eta_from_angles, inner_angles
 from envs.types import Floats, Ints

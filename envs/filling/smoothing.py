@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from envs.filling.fitness import cost_of
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.jit import compiled, inlined
 from envs.types import Floats, Ints
 
 #: Directions in which a point looks for a better place, and its first step as a share of its shortest edge.

@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
 from envs.kernels.geometry import distance2_to_segment
+from envs.kernels.jit import compiled, inlined
 from envs.kernels.orientation import turns_left
 from envs.types import Floats, Ints
 

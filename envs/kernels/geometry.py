@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import inlined
+from envs.kernels.jit import inlined
 from envs.types import Floats
 
 TWO_PI = 2.0 * math.pi

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from envs.kernels.compiled import inlined
+from envs.kernels.jit import inlined
 
 #: Rounding error of the turn's determinant over the sum of its terms' sizes, u = 2^-53: (3 + 16 u) u
 #: (Shewchuk 1997, "Adaptive precision floating-point arithmetic and fast robust geometric predicates", A).

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.types import Floats, Ints
 
 

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import inlined
 from envs.kernels.geometry import angle, distance2_to_segment, segments_touch
+from envs.kernels.jit import inlined
 from envs.mdp.front import POINTS, RING, TOLERANCE, Front, chain_start, interior_angle
 from envs.quality import angles_valid, inner_angles
 from envs.types import MIN_ELEMENT_ANGLE, Floats

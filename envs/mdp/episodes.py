@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from envs.mdp import front as fr
-from envs.mdp import plug_ins, size_field, transition
+from envs.mdp import size_field, transition, user_defined
 from envs.mdp.action import REJECTIONS
 from envs.mdp.observation import bounds
 from envs.mesh import Mesh
@@ -42,8 +42,8 @@ class Episodes:
             domains: what an episode can be on.
             parameters: the MDP's numbers.
             batch: B.
-            reward: a function of a `plug_ins.Step` in place of the paper's reward, or its name.
-            observe: a class of observations of a `plug_ins.View` in place of the paper's, or its name.
+            reward: a function of a `user_defined.Step` in place of the paper's reward, or its name.
+            observe: a class of observations of a `user_defined.View` in place of the paper's, or its name.
 
         Raises:
             PluginError: one of the two cannot be had.
@@ -82,8 +82,8 @@ class Episodes:
         self._fronts = fr.allocate(batch, self._slots, room, elements, 1)._replace(**fields)
         self._numbers = transition.numbers(parameters)
         self._outcome = self.out = transition.outcome(batch, parameters)
-        self._reward = None if reward is None else plug_ins.reward(reward)
-        self._observer = None if observe is None else plug_ins.Observer(observe, parameters)
+        self._reward = None if reward is None else user_defined.reward(reward)
+        self._observer = None if observe is None else user_defined.Observer(observe, parameters)
         self.bounds = bounds(parameters)
         if self._observer is not None:
             self.bounds = self._observer.low, self._observer.high
@@ -163,11 +163,11 @@ class Episodes:
                 self._observer.observe(self._view(i), self.out.observation[i])
         return self.out
 
-    def _step_of(self, i: int, before: int) -> plug_ins.Step:
+    def _step_of(self, i: int, before: int) -> user_defined.Step:
         """The last step of episode ``i``, which had ``before`` elements."""
         out, front, count = self.out, self.front(i), self.elements(i)
         eta_e, eta_b, mu, nu = out.terms[i].tolist()
-        return plug_ins.Step(
+        return user_defined.Step(
             reward=float(out.reward[i]),
             eta_e=eta_e,
             eta_b=eta_b,
@@ -182,10 +182,10 @@ class Episodes:
             domain=self.domain(i),
         )
 
-    def _view(self, i: int) -> plug_ins.View:
+    def _view(self, i: int) -> user_defined.View:
         """The front of episode ``i``."""
         paper = self._outcome.observation[i].copy()
-        return plug_ins.View(paper, self.ring(i), self._area_left(i), self.elements(i), self.domain(i))
+        return user_defined.View(paper, self.ring(i), self._area_left(i), self.elements(i), self.domain(i))
 
     def _area_left(self, i: int) -> float:
         """Share of its domain's area that episode ``i`` has not meshed, [0, 1]."""

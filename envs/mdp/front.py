@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import compiled, inlined, inner
 from envs.kernels.geometry import TWO_PI, angle, signed_angles
+from envs.kernels.jit import compiled, inlined, inner
 from envs.mdp.size_field import elements_wanted, size_at, size_field, sizes_at
 from envs.types import NO_WISHES, RELATIVE_TOLERANCE, Domain, Floats, Ints, MeshingParameters, WantedSizes
 

@@ -50,8 +50,8 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import inlined
 from envs.kernels.geometry import TWO_PI, angle, ray_hit, signed_angle
+from envs.kernels.jit import inlined
 from envs.mdp.action import base_length, unit_length
 from envs.mdp.front import AREA, AREA_0, TOLERANCE, Front, interior_angle, wanted_size
 from envs.types import Floats, MeshingParameters

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import inlined
+from envs.kernels.jit import inlined
 from envs.mdp.action import Cut
 from envs.mdp.front import GIVEN, Front
 from envs.quality import eta_from_angles

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.jit import compiled, inlined
 from envs.polygons.size_cells import cells
 from envs.types import NO_WISHES, Domain, Floats, WantedSizes
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.jit import compiled, inlined
 from envs.mdp.action import ACCEPTED, Cut, decode, decode_type
 from envs.mdp.front import (
     A_MAX,

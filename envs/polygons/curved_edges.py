@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from envs.drawing import Line
 from envs.mesh import STRAIGHT, CurvedEdges
+from envs.polygons.drawing import Line
 from envs.polygons.rings import extent
 from envs.types import Floats, Ints
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import shapely
 
-from envs.drawing import Drawing, Line, Place
 from envs.mesh import STRAIGHT, CurvedEdges
 from envs.polygons.axis import Axis
 from envs.polygons.curved_edges import curved_edges, on_curves
+from envs.polygons.drawing import Drawing, Line, Place
 from envs.polygons.named_sides import along, line_of_segments, parts, segments_of, sides_by_name, tolerance
 from envs.polygons.offered_names import offered
 from envs.polygons.rings import extent

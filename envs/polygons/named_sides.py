@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from envs.drawing import Line
+from envs.polygons.drawing import Line
 from envs.polygons.rings import extent
 from envs.types import Floats, Ints
 

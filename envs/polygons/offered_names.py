@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from envs.drawing import Line
+from envs.polygons.drawing import Line
 from envs.polygons.outline import CORNER
 from envs.polygons.rings import extent
 from envs.polygons.turning import turns

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from envs.drawing import Drawing, Line
+from envs.polygons.drawing import Drawing, Line
 from envs.readers.joins import option
 from envs.readers.nesting import nested
-from envs.readers.outlines import Face, Outlines
+from envs.readers.outline_search import Face, Outlines
 from envs.types import DomainError
 
 

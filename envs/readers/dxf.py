@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Reading
 from envs.polygons import curves
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.rings import check_coordinates, extent
 from envs.readers.drawn import check_closed, counted, drawn, gap_note
 from envs.readers.dxf_entities import READ, Entity, entities_of, layers_of, pieces_of
-from envs.readers.outlines import Outlines, outlines
+from envs.readers.file_check import excerpt
+from envs.readers.outline_search import Outlines, outlines
 from envs.readers.pieces import Piece
-from envs.readers.source import excerpt
 from envs.types import DomainError
 
 #: Ends closer than this share of the drawing's extent meet: drawings are often written with six digits.

@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Place, Reading
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
+from envs.polygons.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates, check_count, extent
 from envs.readers import geo_gmsh
+from envs.readers.closed_loops import faces
 from envs.readers.geo_curves import counted, exact, flattened, reach
 from envs.readers.geo_model import CURVE, POINT, SURFACE, Model
 from envs.readers.geo_statements import model_of
 from envs.readers.geo_words import NotReadError
-from envs.readers.loops import faces
 from envs.readers.nesting import nested
 from envs.readers.physical import names_of
 from envs.types import DomainError, Floats

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.drawing import Curve as ExactCurve
 from envs.polygons import curves
 from envs.polygons.curves import Flattening
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve, arc_between
 from envs.polygons.rings import EDGE_LENGTH
 from envs.polygons.turning import signed_angles
 from envs.readers.geo_model import Curve, Model
+from envs.types import Curve as ExactCurve
 from envs.types import DomainError, Floats
 
 #: What curves are called, and the fewest points of each.

@@ -22,14 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Curve as ExactCurve
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
+from envs.readers.file_check import excerpt, text_of
 from envs.readers.geo_included import DEPTH, included
 from envs.readers.geo_model import CURVE, POINT, Curve, Model
 from envs.readers.geo_passed_over import ASSIGNING, OPTIONS, PASSED_OVER, REFUSED
 from envs.readers.geo_script import FUNCTIONS
 from envs.readers.geo_words import Token, Words
-from envs.readers.source import excerpt, text_of
+from envs.types import Curve as ExactCurve
 from envs.types import DomainError, Floats
 
 #: Seconds that Gmsh may take.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from envs.readers.file_check import check_file, text_of
 from envs.readers.geo_words import Mark, Words
-from envs.readers.source import check_file, text_of
 from envs.types import DomainError
 
 #: Bytes of included files at most, each counted as often as it is read.

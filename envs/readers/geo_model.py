@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from envs.drawing import Curve as ExactCurve
 from envs.polygons.rings import MOST_VERTICES
+from envs.types import Curve as ExactCurve
 from envs.types import Floats
 
 Defined = TypeVar("Defined")

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from envs.readers.file_check import text_of
 from envs.readers.geo_assignment import assignment, constants, option
 from envs.readers.geo_definitions import (
     DEFINITIONS,
@@ -33,7 +34,6 @@ from envs.readers.geo_reader import Reader
 from envs.readers.geo_script import DEPTH, Script
 from envs.readers.geo_shapes import DIMENSIONS, OPERATIONS, all_tags, known, operated
 from envs.readers.geo_words import Mark
-from envs.readers.source import text_of
 
 
 def model_of(path: Path) -> Model:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Place
+from envs.polygons.drawing import Drawing, Line, Place
 from envs.polygons.rings import check_coordinates, check_count, is_number
-from envs.readers.source import excerpt
+from envs.readers.file_check import excerpt
 from envs.readers.stated_points import check_line
 from envs.types import DomainError, Floats
 

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from envs.polygons.rings import place
-from envs.readers.network import Network, Splits, clusters, split, touching
+from envs.readers.piece_network import Network, Splits, clusters, split, touching
 from envs.types import Floats, Ints
 
 #: What messages call the option.

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
+from envs.readers.file_check import text_of
 from envs.readers.geojson import drawing_of_geojson, polygons_of_rings
-from envs.readers.source import text_of
 from envs.types import DomainError
 
 

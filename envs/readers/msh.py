@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Place, Reading
+from envs.polygons.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates, check_rings, extent
-from envs.readers.loops import faces
+from envs.readers.closed_loops import faces
+from envs.readers.file_check import excerpt
 from envs.readers.nesting import nested
 from envs.readers.physical import names_of
-from envs.readers.source import excerpt
 from envs.types import DomainError, Floats, Ints
 
 #: Dimension, corners and nodes of Gmsh's element types.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.readers import table, wkt
-from envs.readers.source import text_of
+from envs.readers.file_check import text_of
 
 
 def drawing_of_file(path: Path, reading: Reading) -> Drawing:

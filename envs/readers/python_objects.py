@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from envs.drawing import Drawing
+from envs.polygons.drawing import Drawing
 from envs.readers.geojson import drawing_of_geojson, polygons_of_geojson, polygons_of_rings
 from envs.readers.wkt import polygons_of_geometry
 from envs.types import DomainError

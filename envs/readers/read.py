@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.drawing import Drawing, Reading
 from envs.polygons.curves import ChordsError
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.rings import check_count, check_rings
+from envs.readers.file_check import check_file
 from envs.readers.formats import BY_SUFFIX
-from envs.readers.source import check_file
 from envs.types import DomainError
 
 

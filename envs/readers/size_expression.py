@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.errors import UserError
 from envs.polygons.size_cells import Size
-from envs.readers.source import excerpt
+from envs.readers.file_check import excerpt
 from envs.types import Floats
 
 #: Characters at most, and operations inside each other.

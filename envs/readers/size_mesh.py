@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from envs.readers.file_check import excerpt
 from envs.readers.msh import FLOAT, INT, Section, header_of, mesh_of, numbers_in
 from envs.readers.size_triangles import Triangles
-from envs.readers.source import excerpt
 from envs.types import DomainError, Floats
 
 

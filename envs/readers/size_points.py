@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from envs.readers.file_check import excerpt, text_of
 from envs.readers.size_triangles import check_values
-from envs.readers.source import excerpt, text_of
 from envs.readers.table import cells, number_in
 from envs.types import DomainError, Floats
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from envs.polygons.size_cells import Size
+from envs.readers.file_check import excerpt, text_of
 from envs.readers.size_triangles import Triangles, check_values
-from envs.readers.source import excerpt, text_of
 from envs.types import DomainError, Floats
 
 COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)

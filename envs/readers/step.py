@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Reading
 from envs.polygons import curves
+from envs.polygons.drawing import Drawing, Line, Reading
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.polygons.rings import check_coordinates, check_count, extent
+from envs.readers.closed_loops import faces
+from envs.readers.file_check import bytes_of
 from envs.readers.geo_gmsh import answer_of, exact_of, installed
-from envs.readers.loops import faces
 from envs.readers.nesting import Rings, nested
-from envs.readers.network import lies_on, network_of
+from envs.readers.piece_network import lies_on, network_of
 from envs.readers.pieces import Piece
-from envs.readers.source import bytes_of
 from envs.types import DomainError, Floats
 
 #: Ends closer than this share of the extent meet, and a plane is one within as much of it.

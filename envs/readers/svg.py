@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.drawing import Drawing, Reading
 from envs.polygons import curves
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.rings import check_coordinates, extent
 from envs.readers.drawn import check_closed, counted, drawn, gap_note
-from envs.readers.outlines import outlines
+from envs.readers.file_check import bytes_of
+from envs.readers.outline_search import outlines
 from envs.readers.pieces import Piece
-from envs.readers.source import bytes_of
 from envs.readers.svg_elements import (
     PIXELS,
     SHAPES,

@@ -10,7 +10,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from envs.readers.source import excerpt
+from envs.readers.file_check import excerpt
 from envs.readers.svg_path import Transform
 from envs.types import DomainError, Floats
 

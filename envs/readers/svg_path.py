@@ -11,8 +11,8 @@ import numpy as np
 
 from envs.polygons.exact_curves import ParametricCurve
 from envs.polygons.rings import check_coordinates, check_count
+from envs.readers.file_check import excerpt
 from envs.readers.pieces import Piece, arc_piece
-from envs.readers.source import excerpt
 from envs.types import RELATIVE_TOLERANCE, DomainError, Floats
 
 #: Curves of a drawing at most.

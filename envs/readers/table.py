@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.drawing import Drawing, Line, Reading
+from envs.polygons.drawing import Drawing, Line, Reading
 from envs.polygons.rings import check_count
+from envs.readers.file_check import text_of
 from envs.readers.nesting import nested
-from envs.readers.source import text_of
 from envs.types import DomainError, Floats
 
 #: Lines without a vertex, at most.

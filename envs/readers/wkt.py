@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from envs.drawing import Drawing, Line, Place, Reading
+from envs.polygons.drawing import Drawing, Line, Place, Reading
 from envs.polygons.rings import check_coordinates
-from envs.readers.source import excerpt, text_of
+from envs.readers.file_check import excerpt, text_of
 from envs.readers.stated_points import check_line
 from envs.types import DomainError
 

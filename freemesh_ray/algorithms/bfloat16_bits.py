@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from envs.kernels.compiled import inlined
+from envs.kernels.jit import inlined
 
 _UPPER, _ONE, _BELOW_HALF, _QUIET = np.int32(16), np.int32(1), np.int32(0x7FFF), np.int16(0x7FC0)
 

@@ -11,13 +11,14 @@ from ray import cloudpickle
 
 from envs.domains.load import source
 from envs.errors import PluginError
-from envs.plug_in import folders, is_spec, subclass
+from envs.plug_ins.lookup import is_spec, subclass
+from envs.plug_ins.search_path import folders
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.device import gpus_here, gpus_per_learner
 from freemesh_ray.algorithms.environment import create, register
 from freemesh_ray.algorithms.mesh_algorithm import MeshAlgorithm, MeshConfig
 from freemesh_ray.config import ALGORITHMS, algorithm_name, meshing_parameters, plug_ins, plug_ins_named
-from freemesh_ray.config.runners import runner_count
+from freemesh_ray.config.env_runner_count import runner_count
 
 Config = Mapping[str, Any]
 #: Seconds that another process gets to say what is wrong with a plug-in there.

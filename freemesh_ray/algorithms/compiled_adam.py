@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from envs.kernels.compiled import compiled_sums
+from envs.kernels.jit import compiled_sums
 
 
 @compiled_sums

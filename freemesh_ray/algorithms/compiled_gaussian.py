@@ -7,7 +7,7 @@ import math
 import numpy as np
 import torch
 
-from envs.kernels.compiled import compiled, inlined
+from envs.kernels.jit import compiled, inlined
 from freemesh_ray.algorithms import squashed_gaussian
 from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled_sums, inlined
+from envs.kernels.jit import compiled_sums, inlined
 from freemesh_ray.algorithms import compiled_adam, mlp_passes
 from freemesh_ray.algorithms.compiled_gaussian import backward_rows, sample_rows
 from freemesh_ray.algorithms.mlp_passes import Network, Rooms

@@ -9,9 +9,10 @@ import gymnasium as gym
 from gymnasium.vector import VectorEnv
 from ray import tune
 
-from envs.plug_in import NONE, PlugIns, look_in
+from envs.plug_ins.environment_parts import NONE, PlugIns
+from envs.plug_ins.search_path import look_in
 from envs.vector_env import MeshVectorEnv
-from envs.wrapped_env import WrappedVectorEnv, wrapped
+from envs.wrappers.wrapped_env import WrappedVectorEnv, wrapped
 
 NAME = "FreeMesh-v0"
 

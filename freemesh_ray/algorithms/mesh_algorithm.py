@@ -21,7 +21,7 @@ from ray.rllib.utils.metrics import (
 )
 
 from envs.errors import PluginError
-from envs.plug_in import NONE
+from envs.plug_ins.environment_parts import NONE
 from freemesh_ray.algorithms.awake import awake
 from freemesh_ray.algorithms.curriculum import Curriculum
 from freemesh_ray.algorithms.cut import Cut

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled_sums, inlined
+from envs.kernels.jit import compiled_sums, inlined
 from freemesh_ray.algorithms import block_products
 from freemesh_ray.algorithms.bfloat16_bits import paired, rounded, widened
 from freemesh_ray.algorithms.block_products import BLOCK, write_block

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from freemesh_ray.bench.trainings import DOMAIN, RATIO, algorithm, stable_baselines
+from freemesh_ray.bench.ours_and_sb3 import DOMAIN, RATIO, algorithm, stable_baselines
 from freemesh_ray.formatting.table import table
 from freemesh_ray.formatting.terminal import say
 from freemesh_ray.local_ray import local_ray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from freemesh_ray.bench.trainings import ENVS, algorithm
+from freemesh_ray.bench.ours_and_sb3 import ENVS, algorithm
 from freemesh_ray.formatting.table import table
 from freemesh_ray.formatting.terminal import say
 from freemesh_ray.local_ray import local_ray

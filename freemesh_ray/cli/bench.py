@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from freemesh_ray.bench import registry
-from freemesh_ray.bench.registry import BENCHMARKS
+from freemesh_ray.bench import benchmarks
+from freemesh_ray.bench.benchmarks import BENCHMARKS
 from freemesh_ray.cli.arguments import add_command, add_policy, seconds
 
 
@@ -46,5 +46,5 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.policies.policy import DEFAULT, Policy
 
     policy = Policy.load(options.policy or DEFAULT)
-    registry.run(options.part or (), seconds=options.seconds, policy=policy)
+    benchmarks.run(options.part or (), seconds=options.seconds, policy=policy)
     return 0

@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         DomainError, PolicyError, RunError, MeshFileError, OutputError: what is wrong with the input.
     """
     from envs.domains.load import load
-    from freemesh_ray.compare import mesh_file, meshers, report
+    from freemesh_ray.compare import foreign_mesh, named_meshers, output
     from freemesh_ray.compare.comparison import compare
     from freemesh_ray.storage.atomic import check_writable
 
@@ -84,23 +84,23 @@ def run(options: argparse.Namespace) -> int:
     if options.match_elements and options.policy == NONE:
         raise UserError("--match-elements matches the elements of our mesh: leave --policy none out")
     domains = [load(name, fix_parity=options.fix_parity, edge_length=options.edge_length) for name in options.domains]
-    files = mesh_file.files(options.mesh, domains)
+    files = foreign_mesh.files(options.mesh, domains)
     own = [] if options.policy == NONE else [our_mesher(options)]
-    peers = meshers.installed_peers(options.peers, note)
+    peers = named_meshers.installed_peers(options.peers, note)
     columns = [*own, *peers.meshers, *files]
     if not columns:
-        raise mesh_file.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
+        raise foreign_mesh.MeshFileError("nothing to compare: give --policy FILE, --mesh LABEL=FILE or --peers NAMES")
     done = compare(
         domains,
         columns,
         folder,
-        lambda row: note(report.line(row)),
+        lambda row: note(output.line(row)),
         drawn=options.pictures,
         absent=peers.absent,
         matched=options.match_elements,
     )
     note()
-    say(report.summary([row for entry in done for row in entry.rows], peers.absent))
+    say(output.summary([row for entry in done for row in entry.rows], peers.absent))
     note()
     if folder is None:
         note("all metrics and pictures: --out FOLDER")
@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
 
 def our_mesher(options: argparse.Namespace) -> Any:
     """The mesher of the policy that is asked for, or the shipped one."""
-    from freemesh_ray.compare.meshers import ours
+    from freemesh_ray.compare.named_meshers import ours
     from freemesh_ray.compare.our_mesher import maker
     from freemesh_ray.policies.policy import DEFAULT
 

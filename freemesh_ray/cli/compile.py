@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from freemesh_ray.cli.arguments import add_command
-from freemesh_ray.cli.compiling_line import CompilingLine
+from freemesh_ray.cli.kernel_progress import CompilingLine
 from freemesh_ray.formatting.terminal import say
 
 
@@ -26,9 +26,9 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compile what is not compiled yet."""
     import envs.vector_env  # noqa: F401  its kernels are counted, too
-    from envs.kernels.compiled import kernels
-    from envs.kernels.compiling import compiling, missing
+    from envs.kernels.ahead_of_time import compiling, missing
     from envs.kernels.inner import InnerKernel
+    from envs.kernels.jit import kernels
     from freemesh_ray.mesher.warm_up import rehearse, rehearse_filling
     from freemesh_ray.policies.policy import DEFAULT, Policy
 

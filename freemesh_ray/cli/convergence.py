@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SolverMissingError, PolicyError, OutputError: what is wrong with the input.
     """
-    from freemesh_ray.convergence import report
+    from freemesh_ray.convergence import output
     from freemesh_ray.storage.atomic import check_writable, replacing
 
     chosen = _chosen(options.problems)
@@ -77,12 +77,12 @@ def run(options: argparse.Namespace) -> int:
     problems = {name: _problem(name) for name in chosen}
     found = _found(problems, options)
     text = "\n\n".join(
-        report.section(problem, [each for each in found if each.problem == name]) for name, problem in problems.items()
+        output.section(problem, [each for each in found if each.problem == name]) for name, problem in problems.items()
     )
     if folder is not None:
         for path, content in (
             (folder / "convergence.md", f"{text}\n"),
-            (folder / "convergence.csv", report.csv(found)),
+            (folder / "convergence.csv", output.csv(found)),
         ):
             with replacing(path) as draft:
                 draft.write_text(content, encoding="utf-8", newline="")
@@ -114,9 +114,9 @@ def _problem(name: str) -> Problem:
 
 
 def _found(problems: Mapping[str, Problem], options: argparse.Namespace) -> list[Solved]:
-    from freemesh_ray.compare.meshers import installed_peers, ours
+    from freemesh_ray.compare.named_meshers import installed_peers, ours
     from freemesh_ray.compare.our_mesher import maker
-    from freemesh_ray.convergence import report
+    from freemesh_ray.convergence import output
     from freemesh_ray.convergence.run import run
     from freemesh_ray.policies.policy import DEFAULT
 
@@ -128,7 +128,7 @@ def _found(problems: Mapping[str, Problem], options: argparse.Namespace) -> list
             problem,
             meshers,
             options.levels,
-            lambda solved: note(report.line(solved)),
+            lambda solved: note(output.line(solved)),
             matched=options.match_elements,
         )
     note()
@@ -136,7 +136,7 @@ def _found(problems: Mapping[str, Problem], options: argparse.Namespace) -> list
 
 
 def _draw(problems: Mapping[str, Problem], found: list[Solved], path: Path) -> None:
-    from freemesh_ray.plots.convergence import Panel, draw_convergence
+    from freemesh_ray.plots.convergence_plot import Panel, draw_convergence
 
     panels = []
     for name, problem in problems.items():

@@ -15,14 +15,14 @@ import numpy as np
 
 from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import FORMATS as READ
-from envs.readers.sizes import MEANING
+from envs.readers.size_input import MEANING
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
 from freemesh_ray.formatting.terminal import note, paths, say
 
 if TYPE_CHECKING:
     from envs.polygons.geometry import Geometry
-    from freemesh_ray.mesher.api import Mesh
+    from freemesh_ray.mesher.polygon_to_mesh import Mesh
 
 #: A mean element quality below this deserves a word on the boundary.
 POOR = 0.5
@@ -132,10 +132,10 @@ def run(options: argparse.Namespace) -> int:
         MeshingError: a domain that has no valid mesh.
     """
     from envs.domains.load import load_geometry, own_sizes, wanted_sizes
-    from envs.readers.sizes import size_of
+    from envs.readers.size_input import size_of
     from envs.types import Domain, WantedSizes
-    from freemesh_ray.cli.compiling_line import CompilingLine
-    from freemesh_ray.mesher.api import SUFFIXES, Mesh
+    from freemesh_ray.cli.kernel_progress import CompilingLine
+    from freemesh_ray.mesher.polygon_to_mesh import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.plots import SUFFIXES as PICTURES
     from freemesh_ray.policies.policy import SHIPPED, Policy

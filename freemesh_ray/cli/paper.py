@@ -90,19 +90,19 @@ def generalisation(options: argparse.Namespace) -> str:
 
 def quality(options: argparse.Namespace) -> str:
     """The tables of all meshers; their meshes are drawn, too."""
-    from freemesh_ray.compare import mesh_file, meshers, report
+    from freemesh_ray.compare import foreign_mesh, named_meshers, output
     from freemesh_ray.compare.comparison import compare
     from freemesh_ray.compare.stages import stages
     from freemesh_ray.paper_tables.outliers import outliers
     from freemesh_ray.paper_tables.quality import DOMAINS, quality
 
     found = domains(options, DOMAINS)
-    files = mesh_file.files(options.mesh, found)
-    columns = [*meshers.installed_peers(options.peers, note).meshers, *files]
+    files = foreign_mesh.files(options.mesh, found)
+    columns = [*named_meshers.installed_peers(options.peers, note).meshers, *files]
     make = maker(options)
     columns += stages(next(iter(policies(options).values())), make)
     folder = Path(options.out) if options.out else None
-    done = compare(found, columns, folder, lambda row: note(report.line(row)))
+    done = compare(found, columns, folder, lambda row: note(output.line(row)))
     note()
     return f"{quality(done)}\n{outliers(done)}"
 

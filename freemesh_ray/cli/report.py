@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         StudyError, ConfigError, RecordsError, OutputError: what is wrong with the input.
     """
-    from freemesh_ray.report.report import write_results
+    from freemesh_ray.report.one_study import write_results
     from freemesh_ray.report.results import from_records
     from freemesh_ray.report.several import together
     from freemesh_ray.report.sources import results_of
@@ -124,7 +124,7 @@ def place_of(results: Results, studies: Path) -> Path:
 
 def tell_store(folder: Path) -> None:
     """Describe the study in its tracking store by what the report says now, and print on stderr what shows it there."""
-    from freemesh_ray.api.summary import describe
+    from freemesh_ray.api.study_description import describe
 
     for line in describe(folder):
         note(line)

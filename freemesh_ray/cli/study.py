@@ -17,7 +17,7 @@ from freemesh_ray.tracking import browsing
 
 if TYPE_CHECKING:
     from freemesh_ray.studies.definition import Study
-    from freemesh_ray.studies.result import StudyResult, TrialResult
+    from freemesh_ray.studies.returned import StudyResult, TrialResult
 
 EPILOG = """\
 examples:
@@ -67,8 +67,8 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         ConfigError, StudyError, DomainError: what is wrong with the input.
     """
-    from freemesh_ray.api.study import begun, check, longer
-    from freemesh_ray.api.study import run as run_study
+    from freemesh_ray.api.run_study import begun, check, longer
+    from freemesh_ray.api.run_study import run as run_study
     from freemesh_ray.studies.definition import load, shipped
 
     if options.study is None:

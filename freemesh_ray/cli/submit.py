@@ -21,9 +21,9 @@ from freemesh_ray.config import check as check_setting
 from freemesh_ray.config import paths
 from freemesh_ray.config.schema import FOLDER
 from freemesh_ray.formatting.terminal import note, say
-from freemesh_ray.jobs import server
-from freemesh_ray.jobs.package import check_size
-from freemesh_ray.jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
+from freemesh_ray.ray_jobs import job_server
+from freemesh_ray.ray_jobs.package import check_size
+from freemesh_ray.ray_jobs.submit_line import CPUS, RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
 from freemesh_ray.training.run_folder import RunError
 
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.home:
         check_setting(options.home, FOLDER, "--home", "the home")
-    url = server.address(options.address)
+    url = job_server.address(options.address)
     variables = {
         paths.HOME: options.home, paths.STORE: options.tracking,
         provenance.GIVEN: provenance.provenance().get(provenance.COMMIT),
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     say(shlex.join(line))
     if options.dry:
         return 0
-    if job in server.submitted(url):
+    if job in job_server.submitted(url):
         raise RunError(
             f"{job}: a job was submitted under this id before: give another --submission-id, or none; "
             f"`{shlex.join(['ray', 'job', 'delete', '--address', url, job])}` forgets one that is over"
@@ -136,7 +136,7 @@ def checked(command: Sequence[str]) -> tuple[str, list[str]]:
         check_plug_ins(settings)
         name, trees = settings["name"], [settings]
     else:
-        from freemesh_ray.api.study import check, trees_of
+        from freemesh_ray.api.run_study import check, trees_of
         from freemesh_ray.studies.definition import load
 
         if options.study is None:

@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
         TrainingError: the training failed.
     """
     from freemesh_ray import config
-    from freemesh_ray.api.train import run as train
+    from freemesh_ray.api.run_training import run as train
     from freemesh_ray.config.paths import Paths
     from freemesh_ray.training.progress_line import ProgressLine
 

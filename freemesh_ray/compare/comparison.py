@@ -11,12 +11,12 @@ from types import MappingProxyType
 
 from envs.types import Domain, DomainError, Floats
 from freemesh_ray import plots
-from freemesh_ray.compare import report
+from freemesh_ray.compare import output
 from freemesh_ray.compare.boundary_change import boundary_change
+from freemesh_ray.compare.joint_values import pooled
 from freemesh_ray.compare.matching import CANNOT_VARY, NOTHING_TO_MATCH, Match, match
-from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
-from freemesh_ray.compare.pooled import pooled
+from freemesh_ray.compare.named_meshers import Mesher
 from freemesh_ray.compare.row import Row, figures
 from freemesh_ray.mesher import MeshingError
 
@@ -85,12 +85,12 @@ def compare(
                         compared.meshes.append(mesh)
                     report_row(row)
             if folder is not None:
-                report.write(folder, [row for entry in done for row in entry.rows], absent)
+                output.write(folder, [row for entry in done for row in entry.rows], absent)
             if folder is not None and drawn and compared.meshes:
                 plots.draw_side_by_side(compared.panels, folder / f"{file_name(domain.name)}.png", domain.name)
     finally:
         if folder is not None and any(entry.rows for entry in done):
-            report.write(folder, [row for entry in done for row in entry.rows], absent)
+            output.write(folder, [row for entry in done for row in entry.rows], absent)
             if drawn and any(entry.meshes for entry in done):
                 plots.draw_boxes(box_values(done), folder / "boxes.png", title=title([entry.domain for entry in done]))
     return done
@@ -101,7 +101,7 @@ def box_values(done: Sequence[Compared]) -> dict[str, dict[str, Floats]]:
 
     A mesher that failed on some domains is called ``name (2/3)``: its values are of other domains than the others'.
     """
-    names = report.distinct(row.mesher for entry in done for row in entry.rows)
+    names = output.distinct(row.mesher for entry in done for row in entry.rows)
     meshes = [mesh for entry in done for mesh in entry.meshes]
     made = Counter(mesh.mesher for mesh in meshes)
     labels = [name if made[name] == len(done) else f"{name} ({made[name]}/{len(done)})" for name in names]

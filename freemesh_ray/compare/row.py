@@ -10,8 +10,8 @@ from envs.mdp.size_field import size_field, sizes_at
 from envs.types import Domain, Floats, MeshingParameters
 from freemesh_ray.compare.boundary_change import BoundaryChange
 from freemesh_ray.compare.mixed_mesh import MixedMesh
-from freemesh_ray.meshes import sizes
-from freemesh_ray.meshes.metrics import angles_within, measure
+from freemesh_ray.mesh_geometry import wanted_sizes
+from freemesh_ray.mesh_geometry.metrics import angles_within, measure
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ def figures(mesh: MixedMesh, domain: Domain) -> dict[str, float]:
         **found,
         "angles_45_135": angles_within(mesh, 45.0, 135.0),
         "angles_60_120": angles_within(mesh, 60.0, 120.0),
-        "longest_edge": sizes.longest_edge(mesh, wanted),
-        "elements_over_wanted": sizes.elements_over_wanted(mesh, wanted),
-        "sized_share": sizes.sized_share(mesh, wanted),
-        "neighbour_ratio": sizes.neighbour_ratio(mesh),
+        "longest_edge": wanted_sizes.longest_edge(mesh, wanted),
+        "elements_over_wanted": wanted_sizes.elements_over_wanted(mesh, wanted),
+        "sized_share": wanted_sizes.sized_share(mesh, wanted),
+        "neighbour_ratio": wanted_sizes.neighbour_ratio(mesh),
         "seconds": mesh.seconds,
         "elements_per_second": speed,
     }

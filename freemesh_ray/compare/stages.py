@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from envs.types import Domain
 from freemesh_ray.compare.laplacian import smoothed
-from freemesh_ray.compare.meshers import OURS, RAW, Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, of_mesh
+from freemesh_ray.compare.named_meshers import OURS, RAW, Mesher
 from freemesh_ray.compare.our_mesher import MeshDomain
 from freemesh_ray.policies.evaluation import run_episodes
 from freemesh_ray.policies.policy import Policy

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from envs.errors import UserError
-from envs.plug_in import is_spec
+from envs.plug_ins.lookup import is_spec
 from envs.types import Setting
 
 

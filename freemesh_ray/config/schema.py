@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from envs.plug_in import SPEC, PlugIn, is_spec, plug_in
+from envs.plug_ins.lookup import SPEC, is_spec, plug_in
+from envs.plug_ins.named_object import PlugIn
 from envs.types import COUNT, NAMED, SETTINGS, TINY
 from freemesh_ray.config.algorithms import ALGORITHMS, Algorithm, Hyperparameter, settings_by_key
 from freemesh_ray.config.field import Field

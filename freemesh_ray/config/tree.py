@@ -15,7 +15,9 @@ from typing import Any
 
 import yaml
 
-from envs.plug_in import PlugIns, is_spec, look_in
+from envs.plug_ins.environment_parts import PlugIns
+from envs.plug_ins.lookup import is_spec
+from envs.plug_ins.search_path import look_in
 from envs.types import SETTINGS, MeshingParameters
 from freemesh_ray.config.algorithms import ALGORITHMS, settings_by_key
 from freemesh_ray.config.document import document

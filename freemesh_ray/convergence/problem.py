@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.polygons.domain import from_rings
+from envs.polygons.validation import from_rings
 from envs.types import Domain, Floats
 from freemesh_ray.compare.mixed_mesh import MixedMesh
 

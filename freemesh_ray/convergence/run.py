@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from envs.types import Domain
 from freemesh_ray.compare.matching import CANNOT_VARY, NOTHING_TO_MATCH, match
-from freemesh_ray.compare.meshers import Mesher
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
+from freemesh_ray.compare.named_meshers import Mesher
 from freemesh_ray.convergence.problem import Problem, UnsolvableError
 from freemesh_ray.mesher import MeshingError
 

@@ -14,7 +14,7 @@ from freemesh_ray.export.facets import behind, sides_of
 from freemesh_ray.export.finite_elements import Facets, FiniteElements, NodeSet
 from freemesh_ray.export.names import free
 from freemesh_ray.export.regions import partition
-from freemesh_ray.meshes.high_order import high_order
+from freemesh_ray.mesh_geometry.high_order import high_order
 
 #: What is called so when nothing says otherwise.
 BOUNDARY, OUTER, HOLE = "boundary", "outer", "hole"

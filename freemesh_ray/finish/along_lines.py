@@ -8,7 +8,7 @@ import numpy as np
 
 from envs.mesh import Mesh, sides
 from envs.types import Ints
-from freemesh_ray.meshes.opening import opened
+from freemesh_ray.mesh_geometry.opening import opened
 
 
 @dataclass(frozen=True)

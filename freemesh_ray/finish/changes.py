@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import (
     MOST,

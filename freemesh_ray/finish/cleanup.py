@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inner
+from envs.kernels.jit import compiled, inner
 from envs.mdp.size_field import SizeField
 from envs.types import Floats, Ints
 from freemesh_ray.finish.changes import ARGUMENT, HALFEDGE, KIND, TOTAL, irregularity, list_options, make

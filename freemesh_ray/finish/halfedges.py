@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled, inlined, inner
+from envs.kernels.jit import compiled, inlined, inner
 from envs.types import Floats, Ints
 
 NONE = -1

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import compiled_fused, inlined, inner, inner_fused
+from envs.kernels.jit import compiled_fused, inlined, inner, inner_fused
 from envs.mdp.size_field import SizeField, size_at
 from envs.types import Floats, Ints
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.mdp.size_field import SizeField
 from envs.quality import eta_or_bent
 from envs.types import Floats, Ints

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.mdp.action import Cut
 from envs.mdp.front import Front
 from envs.mdp.observation import observation_size, observe
 from envs.mdp.transition import Numbers, terms
 from envs.types import Floats
-from freemesh_ray.mesher.network import Network, forward, pack
+from freemesh_ray.mesher.forward_pass import Network, forward, pack
 from freemesh_ray.policies.policy import LOG_STD_MAX, LOG_STD_MIN, Policy, check_unaltered
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import inlined, inner
 from envs.kernels.geometry import distance2_to_segment
+from envs.kernels.jit import inlined, inner
 from envs.mdp.front import Front
 from envs.types import Floats
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.mdp.action import ACCEPTED
 from envs.mdp.front import Front
 from envs.mdp.transition import Numbers

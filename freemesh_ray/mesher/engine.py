@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from envs.kernels.compiled import compiled
+from envs.kernels.jit import compiled
 from envs.mdp import front as fr
 from envs.mdp.action import ACCEPTED, ACTION_TYPES, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, close, reference_slot

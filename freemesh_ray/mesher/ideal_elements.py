@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import inlined
+from envs.kernels.jit import inlined
 from envs.mdp.action import TYPE_0_LEFT, TYPE_0_RIGHT, TYPE_1, TYPE_2, encode_point, encode_type, unit_length
 from envs.mdp.front import Front, interior_angle
 from envs.mdp.transition import Numbers

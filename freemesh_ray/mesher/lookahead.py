@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.mdp.action import ACCEPTED, decode_type
 from envs.mdp.front import RING, Front, reference_slot
 from envs.mdp.reward import eta_b, eta_e

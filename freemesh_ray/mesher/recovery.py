@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from envs.kernels import slot_tree
-from envs.kernels.compiled import inner
+from envs.kernels.jit import inner
 from envs.mdp.front import Front, interior_angle
 from envs.mdp.transition import Numbers
 from freemesh_ray.mesher.agent import Agent, look, mean_action, sampled_action

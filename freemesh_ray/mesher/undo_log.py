@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inner
+from envs.kernels.jit import inner
 from envs.mdp.action import CHAIN_EDGES, Cut, decode, decode_type
 from envs.mdp.front import AREA, ELEMENTS, Front, retreat
 from envs.mdp.transition import Numbers, take

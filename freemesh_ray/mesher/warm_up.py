@@ -13,9 +13,9 @@ import numpy as np
 from envs.domains.load import from_rings
 from envs.filling.chords import chord_point, inside
 from envs.filling.convex_fill import best_filling
-from envs.kernels.compiled import kernels
-from envs.kernels.compiling import Tell, compiling, missing
+from envs.kernels.ahead_of_time import Tell, compiling, missing
 from envs.kernels.inner import InnerKernel, Kernel
+from envs.kernels.jit import kernels
 from envs.mdp import transition
 from envs.mesh import Mesh
 from envs.quality import element_quality

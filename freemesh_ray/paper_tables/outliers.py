@@ -8,8 +8,8 @@ import numpy as np
 
 from envs.types import Floats
 from freemesh_ray.compare.comparison import Compared
-from freemesh_ray.compare.pooled import pooled
-from freemesh_ray.compare.report import distinct
+from freemesh_ray.compare.joint_values import pooled
+from freemesh_ray.compare.output import distinct
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.plots.boxes import METRICS, PANELS
 

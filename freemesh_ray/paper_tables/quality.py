@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from freemesh_ray.compare.comparison import Compared
-from freemesh_ray.compare.pooled import pooled
-from freemesh_ray.compare.report import distinct
+from freemesh_ray.compare.joint_values import pooled
+from freemesh_ray.compare.output import distinct
 from freemesh_ray.formatting.markdown import escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.paper_tables.published import published, spread, spread_of

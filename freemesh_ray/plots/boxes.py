@@ -37,7 +37,7 @@ class Metric(NamedTuple):
     high: float = math.inf
 
 
-#: Metrics by their names in freemesh_ray.meshes.metrics.
+#: Metrics by their names in freemesh_ray.mesh_geometry.metrics.
 METRICS: dict[str, Metric] = {
     "singularity": Metric("irregular nodes", LOWER, "mesh"),
     "singularity_authors": Metric("singularity", LOWER, "mesh"),

@@ -16,7 +16,7 @@ from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import Floats
 from freemesh_ray.formatting.html import embedded
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.mesh_geometry.metrics import irregular
 from freemesh_ray.plots.colours import FEW, MANY, scale
 from freemesh_ray.storage.atomic import OutputError, replacing
 

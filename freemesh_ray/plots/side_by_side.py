@@ -11,9 +11,9 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from freemesh_ray.meshes.protocol import PlaneMesh
+from freemesh_ray.mesh_geometry.protocol import PlaneMesh
 from freemesh_ray.plots.colours import FRONT, INK
-from freemesh_ray.plots.mesh import add_colour_bar, add_legend, draw_panel, marks
+from freemesh_ray.plots.mesh_plot import add_colour_bar, add_legend, draw_panel, marks
 from freemesh_ray.plots.page import page, save
 
 PANEL = 3.7  # inches, width of a panel

@@ -12,9 +12,11 @@ import numpy as np
 from envs.domains.load import Source
 from envs.mdp.episodes import Episodes
 from envs.mesh import Mesh
-from envs.plug_in import PlugIn, function
+from envs.plug_ins.lookup import function
+from envs.plug_ins.named_object import PlugIn
 from envs.types import Domain
-from envs.wrapped_env import base, wrapped
+from envs.wrappers.outermost import base
+from envs.wrappers.wrapped_env import wrapped
 from freemesh_ray.policies.policy import Policy
 
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from envs.errors import UserError
-from envs.plug_in import NONE, PlugIns, is_spec
+from envs.plug_ins.environment_parts import NONE, PlugIns
+from envs.plug_ins.lookup import is_spec
 from envs.types import MeshingParameters
 from freemesh_ray.storage.array_archive import read_arrays
 from freemesh_ray.storage.atomic import replacing

@@ -8,8 +8,8 @@ from typing import Any
 
 from envs.types import Floats
 from freemesh_ray.formatting.csv_text import csv_text
-from freemesh_ray.report.comparisons import Comparison
 from freemesh_ray.report.outcomes import Outcome
+from freemesh_ray.report.pairwise import Comparison
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import COMPLETED, FINALS, VariantResult
 from freemesh_ray.statistics.bootstrap import Interval

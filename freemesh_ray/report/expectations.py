@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from freemesh_ray.formatting.markdown import Markdown, bold
 from freemesh_ray.formatting.table import markdown
-from freemesh_ray.report.formats import bracketed, count
+from freemesh_ray.report.number_text import bracketed, count
 from freemesh_ray.report.outcomes import Outcome
 from freemesh_ray.statistics.bootstrap import Interval
 from freemesh_ray.statistics.equivalence import Difference

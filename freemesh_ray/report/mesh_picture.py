@@ -12,10 +12,10 @@ from envs.mesh import Mesh
 from envs.printable import printable
 from envs.quality import element_quality
 from envs.types import Floats, Ints
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.mesh_geometry.metrics import irregular
 from freemesh_ray.plots import caption
 from freemesh_ray.plots.colours import FEW, FRONT, INK, MANY, scale
-from freemesh_ray.plots.mesh import front
+from freemesh_ray.plots.mesh_plot import front
 from freemesh_ray.storage.atomic import replacing
 
 #: Width of the picture and of its margins, height of the text above the mesh, in pixels; the height of a mesh at most.

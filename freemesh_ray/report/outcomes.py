@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 from envs.types import Floats
-from freemesh_ray.report.comparisons import Comparison, compare
+from freemesh_ray.report.pairwise import Comparison, compare
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import VariantResult
 from freemesh_ray.statistics.equivalence import Difference, difference
@@ -110,12 +109,6 @@ def judged(found: Sequence[Evidence]) -> list[Outcome]:
         _judged(each, 1.0 if each.equality else next(confirms), against, SIGNIFICANT / len(found))
         for each, against in zip(found, refutes, strict=True)
     ]
-
-
-def judged_together(reports: Mapping[str, Sequence[Evidence]]) -> dict[str, list[Outcome]]:
-    """The verdicts of several reports on one page, corrected over all of them: name -> outcomes, as they were given."""
-    said = iter(judged([each for found in reports.values() for each in found]))
-    return {name: list(islice(said, len(found))) for name, found in reports.items()}
 
 
 def _judged(each: Evidence, favours: float, against: float, strictest: float) -> Outcome:

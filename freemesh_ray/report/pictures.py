@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from envs.types import Floats
 from freemesh_ray.plots import Pair, Panel, draw_bands, draw_improvements
 from freemesh_ray.plots.page import SUFFIXES, save
 from freemesh_ray.policies.evaluation import COMPLETION, RETURN
-from freemesh_ray.report.comparisons import Comparison
+from freemesh_ray.report.pairwise import Comparison
 from freemesh_ray.report.variants import VariantResult
 from freemesh_ray.statistics.bootstrap import Interval
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Scores at which profiles are taken.
 THRESHOLDS: Floats = np.linspace(0.0, 1.0, 101)

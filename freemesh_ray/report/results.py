@@ -19,8 +19,8 @@ from freemesh_ray.records import measured_file, parquet_file
 from freemesh_ray.records.measured import Measured
 from freemesh_ray.records.study_records import RecordsError, StudyRecords, Training
 from freemesh_ray.storage.json_file import read_json
+from freemesh_ray.studies.completion_mark import finished
 from freemesh_ray.studies.definition import Study, load
-from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import default_point, point
 from freemesh_ray.studies.study_folder import STATUSES, StudyError, StudyFolder, TrialRecord
 

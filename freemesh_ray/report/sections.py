@@ -15,9 +15,9 @@ from freemesh_ray.formatting.markdown import bold, code, escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, MODES, QUALITY, RETURN, STOCHASTIC_RETURN
 from freemesh_ray.records.schema import FILE
-from freemesh_ray.report.comparisons import Comparison
-from freemesh_ray.report.formats import bracketed, count, hours, span, spread, thousands
 from freemesh_ray.report.machine import machine
+from freemesh_ray.report.number_text import bracketed, count, hours, span, spread, thousands
+from freemesh_ray.report.pairwise import Comparison
 from freemesh_ray.report.results import Results, TrialResult, number
 from freemesh_ray.report.transfer import Transfer
 from freemesh_ray.report.variants import COMPLETED, SHARES, VariantResult, iqm_interval, return_threshold

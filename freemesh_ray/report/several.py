@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from freemesh_ray.formatting.markdown import escaped
-from freemesh_ray.report.formats import count
+from freemesh_ray.report.number_text import count
 from freemesh_ray.report.results import Results, TrialResult
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.studies.study_folder import StudyError

@@ -23,11 +23,11 @@ from freemesh_ray.formatting.markdown import Markdown, escaped
 from freemesh_ray.formatting.table import markdown
 from freemesh_ray.records.schema import FILE
 from freemesh_ray.report import EPISODES, html_page
-from freemesh_ray.report.formats import count, span
-from freemesh_ray.report.meshes import described
-from freemesh_ray.report.recording import newest
-from freemesh_ray.report.report import write_results
+from freemesh_ray.report.best_meshes import described
+from freemesh_ray.report.number_text import count, span
+from freemesh_ray.report.one_study import write_results
 from freemesh_ray.report.results import Results, from_records, read
+from freemesh_ray.report.to_records import newest
 from freemesh_ray.statistics.verdict import Verdict
 from freemesh_ray.storage.atomic import OutputError, replacing
 from freemesh_ray.studies.study_folder import StudyError, StudyFolder

@@ -8,8 +8,8 @@ from freemesh_ray.config import ConfigError, flatten, read_plain
 from freemesh_ray.policies.evaluation import SCORE
 from freemesh_ray.records.schema import FILE
 from freemesh_ray.report.results import Results, TrialResult, from_records, number, read
+from freemesh_ray.studies.completion_mark import finished
 from freemesh_ray.studies.definition import Study
-from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import LENGTH
 from freemesh_ray.studies.study_folder import StudyError, StudyFolder, TrialRecord
 

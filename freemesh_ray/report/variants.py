@@ -11,8 +11,8 @@ import numpy as np
 from envs.types import Floats
 from freemesh_ray.policies.evaluation import COMPLETION, ELEMENTS, QUALITY, RETURN, STOCHASTIC_RETURN
 from freemesh_ray.report.results import Results, TrialResult
+from freemesh_ray.statistics.aligned_curves import aligned, final_value, mean_over_training, steps_to
 from freemesh_ray.statistics.bootstrap import EVERYTHING, Interval, interquartile_interval
-from freemesh_ray.statistics.curves import aligned, final_value, mean_over_training, steps_to
 
 #: Metrics that have a curve each, in the order of tables.
 CURVES = (RETURN, STOCHASTIC_RETURN, COMPLETION)

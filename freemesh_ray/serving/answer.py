@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from envs.drawing import Drawing
-from envs.polygons.domain import geometry_of
+from envs.polygons.drawing import Drawing
+from envs.polygons.element_count import expected_in_domain
 from envs.polygons.geometry import Region
-from envs.polygons.mesh_size import expected_in_domain
 from envs.polygons.rings import as_ring
+from envs.polygons.validation import geometry_of
 from envs.readers.python_objects import polygons_of
 from envs.types import DomainError
+from freemesh_ray.mesh_geometry.assembly import Part, assembled
 from freemesh_ray.mesher import MeshingError, mesh_domain
-from freemesh_ray.meshes.assembly import Part, assembled
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES, encoded
 from freemesh_ray.serving.lanes import QUICK

@@ -10,7 +10,7 @@ from typing import Final
 
 from envs.mesh import Mesh
 from freemesh_ray import export
-from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.mesh_geometry.metrics import measure
 from freemesh_ray.storage.atomic import OutputError
 
 JSON: Final = "json"

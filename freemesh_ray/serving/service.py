@@ -67,7 +67,7 @@ class Service:
         with theirs:
             # In a session of its own: signals of the terminal reach it through this process alone.
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "freemesh_ray.serving.server", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", "freemesh_ray.serving.http_process", str(theirs.fileno())],
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from freemesh_ray.policies.evaluation import metric, mode_and_figure
-from freemesh_ray.statistics.curves import final_value
+from freemesh_ray.statistics.aligned_curves import final_value
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.studies.plan import DEFAULT, Trial, VariantPlan, placed
 from freemesh_ray.studies.study_folder import StudyFolder, TrialRecord

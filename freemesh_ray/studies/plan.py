@@ -16,7 +16,7 @@ from operator import getitem
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
-from envs.plug_in import digest
+from envs.plug_ins.source_files import digest
 from freemesh_ray.config import ALGORITHMS, algorithm_name, flatten, plug_ins_named
 from freemesh_ray.studies.definition import Study
 from freemesh_ray.studies.label import file_name, short_label

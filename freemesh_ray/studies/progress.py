@@ -15,7 +15,7 @@ from ray.tune.experiment import Trial as TuneTrial
 
 from freemesh_ray.formatting.table import duration, number
 from freemesh_ray.policies.evaluation import COMPLETION, RETURN
-from freemesh_ray.studies.finished import FINISHED
+from freemesh_ray.studies.completion_mark import FINISHED
 from freemesh_ray.studies.plan import Plan, Trial
 from freemesh_ray.studies.study_folder import OVER, StudyFolder, TrialRecord
 

@@ -22,12 +22,12 @@ from ray import tune
 from freemesh_ray.config import flatten, store_login
 from freemesh_ray.records.study_records import Training
 from freemesh_ray.storage.lock import held, holder
-from freemesh_ray.studies import progress, search
+from freemesh_ray.studies import progress, tune_search
+from freemesh_ray.studies.completion_mark import finished
 from freemesh_ray.studies.confirmation import confirmation_plan, draws, of_search, score
 from freemesh_ray.studies.definition import Study
-from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import Plan, SearchPlan, VariantPlan, lineage, variant_plan
-from freemesh_ray.studies.result import StudyResult, TrialResult, best_trial
+from freemesh_ray.studies.returned import StudyResult, TrialResult, best_trial
 from freemesh_ray.studies.study_folder import OVER, StudyError, StudyFolder, TrialRecord
 from freemesh_ray.studies.trainable import TrialTrainable, resources
 from freemesh_ray.studies.training_source import training_source
@@ -371,7 +371,9 @@ def run_trials(study: Study, folder: StudyFolder, phase: Phase, trainable: Any) 
 def listed(folder: StudyFolder, phase: Phase) -> tuple[dict[str, Any], tune.TuneConfig]:
     """What Tune runs of trials that are known."""
     left = [record.name for record in phase.own(folder.read()) if record.status != "finished"]
-    return {"trial": tune.grid_search(left)}, tune.TuneConfig(scheduler=search.scheduler(None, 0), reuse_actors=True)
+    return {"trial": tune.grid_search(left)}, tune.TuneConfig(
+        scheduler=tune_search.scheduler(None, 0), reuse_actors=True
+    )
 
 
 def drawn(study: Study, folder: StudyFolder, phase: Phase) -> tuple[dict[str, Any], tune.TuneConfig]:
@@ -379,15 +381,15 @@ def drawn(study: Study, folder: StudyFolder, phase: Phase) -> tuple[dict[str, An
     assert study.search is not None
     settings = study.settings_of_all()
     known = {
-        label: (search.as_drawn(study, records[0].settings or {}), score(folder, records, study.metric))
+        label: (tune_search.as_drawn(study, records[0].settings or {}), score(folder, records, study.metric))
         for label, records in draws(study, folder.read()).items()
         if all(record.status in OVER for record in records)
     }
     pbt = study.search.scheduler == "pbt"
-    return search.param_space(study.search), tune.TuneConfig(
+    return tune_search.param_space(study.search), tune.TuneConfig(
         num_samples=study.search.trials - len(known),
-        search_alg=search.searcher(study, list(known.values())),
-        scheduler=search.scheduler(study, settings["budget"]["env_steps"]),
+        search_alg=tune_search.searcher(study, list(known.values())),
+        scheduler=tune_search.scheduler(study, settings["budget"]["env_steps"]),
         max_concurrent_trials=None if pbt else parallel(settings),
         reuse_actors=True,
     )

@@ -13,8 +13,8 @@ from typing import Any
 from freemesh_ray.config import dump, flatten
 from freemesh_ray.storage.atomic import OutputError, replacing
 from freemesh_ray.storage.lock import held
-from freemesh_ray.studies import lengthening
-from freemesh_ray.studies.finished import FINISHED, finished
+from freemesh_ray.studies import longer_training
+from freemesh_ray.studies.completion_mark import FINISHED, finished
 from freemesh_ray.studies.plan import Trial
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
@@ -121,7 +121,7 @@ class SeedTraining:
         if not self._lengthened:
             folder.forget_after(-1)
             return
-        longer = not checkpoint.found(folder.checkpoints) and lengthening.take_over(folder)
+        longer = not checkpoint.found(folder.checkpoints) and longer_training.take_over(folder)
         try:
             training.resume()
         except checkpoint.CheckpointError:
@@ -141,7 +141,7 @@ class SeedTraining:
         with replacing(training.folder.path / FINISHED) as draft:
             draft.write_text(json.dumps(figures), encoding="utf-8")
         if self._lengthened:
-            lengthening.remove_shorter(training.folder)
+            longer_training.remove_shorter(training.folder)
         run.close()
         self._lock.close()
         self._figures = dict(figures)

@@ -24,7 +24,7 @@ from freemesh_ray import config
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import read_json
 from freemesh_ray.studies.definition import Study, load
-from freemesh_ray.studies.extension import refused
+from freemesh_ray.studies.permitted_changes import refused
 from freemesh_ray.studies.training_source import training_source
 from freemesh_ray.training.run_folder import RunFolder
 

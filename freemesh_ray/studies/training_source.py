@@ -17,7 +17,7 @@ from pathlib import Path
 PACKAGES = ("envs", "freemesh_ray/algorithms", "freemesh_ray/config", "freemesh_ray/policies", "freemesh_ray/training")
 #: Files of theirs that show what was learnt, or end a training.
 OUTSIDE = (
-    "envs/render.py", "envs/window.py", "freemesh_ray/training/progress_line.py",
+    "envs/rendering/frame.py", "envs/rendering/window.py", "freemesh_ray/training/progress_line.py",
     "freemesh_ray/training/stage_meshes.py", "freemesh_ray/training/stop_signal.py",
 )  # fmt: skip
 #: Installed packages whose releases change what is learnt; builds of one release (``+cpu``) count as the same.

@@ -18,7 +18,7 @@ from freemesh_ray.records.schema import FILE
 from freemesh_ray.records.study_records import RecordsError, Training
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.lock import held
-from freemesh_ray.studies.finished import FINISHED, finished
+from freemesh_ray.studies.completion_mark import FINISHED, finished
 from freemesh_ray.studies.plan import Trial, VariantPlan
 
 

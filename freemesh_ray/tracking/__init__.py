@@ -21,13 +21,13 @@ What came of all trials is told by `summary`: the study's description and figure
 """
 
 from freemesh_ray.tracking.journal import page
+from freemesh_ray.tracking.late_delivery import sync
 from freemesh_ray.tracking.mlflow_run import MLflowRun, Status
-from freemesh_ray.tracking.registry import register
+from freemesh_ray.tracking.mlflow_store import TrackingError, absolute, browsing
+from freemesh_ray.tracking.model_registry import register
+from freemesh_ray.tracking.past_study import summarise
 from freemesh_ray.tracking.sharing import share
-from freemesh_ray.tracking.store import TrackingError, absolute, browsing
-from freemesh_ray.tracking.summarising import summarise
-from freemesh_ray.tracking.summary import Summary, VariantSummary
-from freemesh_ray.tracking.syncing import sync
+from freemesh_ray.tracking.study_run import Summary, VariantSummary
 
 __all__ = [
     "MLflowRun", "Status", "Summary", "TrackingError", "VariantSummary", "absolute", "browsing", "page", "register",

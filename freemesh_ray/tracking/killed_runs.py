@@ -14,8 +14,8 @@ from envs.printable import without_login
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking.events import is_id
 from freemesh_ray.tracking.journal import Journal
-from freemesh_ray.tracking.search import found
-from freemesh_ray.tracking.store import absolute, brief, connect, experiment_id
+from freemesh_ray.tracking.journal_folders import found
+from freemesh_ray.tracking.mlflow_store import absolute, brief, connect, experiment_id
 from freemesh_ray.tracking.uploader import Uploader
 
 log = logging.getLogger(__name__)

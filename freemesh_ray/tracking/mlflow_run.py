@@ -20,9 +20,7 @@ from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.tracking.events import Event, new_event
 from freemesh_ray.tracking.journal import Journal, State, latest
 from freemesh_ray.tracking.killed_runs import fail_killed_runs
-from freemesh_ray.tracking.provenance import provenance
-from freemesh_ray.tracking.registry import commit, fingerprint
-from freemesh_ray.tracking.store import (
+from freemesh_ray.tracking.mlflow_store import (
     VALUE_LENGTH,
     absolute,
     accepted_key,
@@ -30,7 +28,9 @@ from freemesh_ray.tracking.store import (
     failure,
     mlflow_client,
 )
-from freemesh_ray.tracking.summary import Summary, record
+from freemesh_ray.tracking.model_registry import commit, fingerprint
+from freemesh_ray.tracking.provenance import provenance
+from freemesh_ray.tracking.study_run import Summary, record
 from freemesh_ray.tracking.uploader import ParentMissingError, Uploader
 
 log = logging.getLogger(__name__)

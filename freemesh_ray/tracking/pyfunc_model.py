@@ -10,7 +10,7 @@ The input has a row for each polygon, with the columns
     grading      optional: largest over smallest piece (1: all alike)
 
 and the answer, for each row, ``vertices`` (n pairs), ``quads`` (m quadruples of indices, counter-clockwise) and
-``quality``, the mesh's figures by name (see freemesh_ray.meshes.metrics.measure).
+``quality``, the mesh's figures by name (see freemesh_ray.mesh_geometry.metrics.measure).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mlflow.pyfunc import PythonModel
 
 from envs.types import DomainError
 from freemesh_ray.mesher import MeshingError
-from freemesh_ray.mesher.api import mesh
+from freemesh_ray.mesher.polygon_to_mesh import mesh
 from freemesh_ray.policies.policy import Policy
 
 

@@ -16,7 +16,7 @@ from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.owner import Owner
 from freemesh_ray.tracking.events import Event
 from freemesh_ray.tracking.journal import ARTIFACT_BYTES, State, entries, journals, shared
-from freemesh_ray.tracking.store import absolute, brief
+from freemesh_ray.tracking.mlflow_store import absolute, brief
 
 log = logging.getLogger(__name__)
 

@@ -16,11 +16,10 @@ from freemesh_ray.config.document import MOST_BYTES
 from freemesh_ray.policies.policy import PolicyError
 from freemesh_ray.storage import own_file
 from freemesh_ray.storage.owner import Owner
-from freemesh_ray.tracking import charts, registry
+from freemesh_ray.tracking import charts, model_registry
 from freemesh_ray.tracking.events import LAST, Event, new_event, now
 from freemesh_ray.tracking.journal import ARTIFACT_BYTES, Journal, State, shared
-from freemesh_ray.tracking.provenance import COMMIT
-from freemesh_ray.tracking.store import (
+from freemesh_ray.tracking.mlflow_store import (
     METRICS_PER_BATCH,
     PARAMS_PER_BATCH,
     absolute,
@@ -33,7 +32,8 @@ from freemesh_ray.tracking.store import (
     run_of,
     unless_refused,
 )
-from freemesh_ray.tracking.summary import COLOUR, IS_COLOUR
+from freemesh_ray.tracking.provenance import COMMIT
+from freemesh_ray.tracking.study_run import COLOUR, IS_COLOUR
 
 log = logging.getLogger(__name__)
 
@@ -303,14 +303,14 @@ class Uploader:
             policy = Path(place) / "policy.npz"
             try:
                 own_file.copy(self.journal.folder, path, policy, MODEL_BYTES)
-                if registry.fingerprint(policy, self.journal.id) != event["mark"]:
+                if model_registry.fingerprint(policy, self.journal.id) != event["mark"]:
                     raise own_file.ForeignFileError("it is another")
             except (OSError, ValueError, PolicyError) as error:
                 log.warning("tracking: %s was not registered (%s)", ascii(str(path))[1:-1], brief(error))
                 return
             with unless_refused("a model"):
                 run = client.get_run(self.journal.state.run_id)
-                registry.add_version(client, self.uri, policy, run, **what)
+                model_registry.add_version(client, self.uri, policy, run, **what)
 
     def _store(self) -> Any:
         """The client, connected at first use."""

@@ -4,18 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from envs.errors import PluginError
-from envs.plug_in import subclass
+from envs.plug_ins.lookup import subclass
 
 if TYPE_CHECKING:
-    from freemesh_ray.training.loop import Status, Training
     from freemesh_ray.training.run import Run
+    from freemesh_ray.training.run_folder import RunFolder
+    from freemesh_ray.training.status import Progress, Status
 
 
 class StopTraining(Exception):
     """Raised by a callback: the training ends as if its budget were spent, with evaluation, checkpoint and meshes."""
+
+
+class Started(Protocol):
+    """A training that begins or goes on, as a callback sees it: its settings, its files and where it stands."""
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """The resolved settings."""
+
+    @property
+    def folder(self) -> RunFolder:
+        """Where its files lie."""
+
+    @property
+    def progress(self) -> Progress:
+        """Steps, updates, time and the best score so far."""
 
 
 class Callback:
@@ -26,7 +43,7 @@ class Callback:
     checkpoint: nothing is lost.
     """
 
-    def on_start(self, training: Training) -> None:
+    def on_start(self, training: Started) -> None:
         """It begins, or goes on, from a checkpoint or after a failure; its ``config``, ``folder`` and ``progress``."""
 
     def on_iteration(self, status: Status) -> None:

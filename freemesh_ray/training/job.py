@@ -20,9 +20,9 @@ import numpy as np
 
 from envs.domains.load import UserDomains, source
 from envs.errors import PluginError
-from envs.plug_in import NONE
+from envs.plug_ins.environment_parts import NONE
 from envs.types import Domain, DomainError
-from envs.wrapped_env import wrapped
+from envs.wrappers.wrapped_env import wrapped
 from freemesh_ray import plots
 from freemesh_ray.config import ConfigError, dump, flatten, meshing_parameters, plug_ins, read_plain
 from freemesh_ray.config import load as load_config

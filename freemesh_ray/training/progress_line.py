@@ -13,8 +13,8 @@ from freemesh_ray.formatting.terminal import shown, write
 from freemesh_ray.training.callback import Callback
 
 if TYPE_CHECKING:
-    from freemesh_ray.training.loop import Status
     from freemesh_ray.training.run import Run
+    from freemesh_ray.training.status import Status
 
 #: Seconds between progress lines where the line cannot be overwritten (a pipe, a log file).
 LOG_INTERVAL = 15.0

@@ -9,9 +9,9 @@ from typing import Any
 
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.training import checkpoint
-from freemesh_ray.training.loop import Progress
 from freemesh_ray.training.run_folder import RunFolder
 from freemesh_ray.training.stage_meshes import StageMeshes
+from freemesh_ray.training.status import Progress
 
 
 @dataclass(frozen=True)

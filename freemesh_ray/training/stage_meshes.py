@@ -12,8 +12,8 @@ from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray import export, plots
 from freemesh_ray.finish import finish
+from freemesh_ray.mesh_geometry.metrics import measure
 from freemesh_ray.mesher import MeshingError, mesh_domain
-from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.policies.evaluation import run_episodes
 from freemesh_ray.policies.policy import Policy
 

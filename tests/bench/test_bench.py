@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from processes import ROOT, outside
 
-from freemesh_ray.bench import registry
-from freemesh_ray.bench.registry import BENCHMARKS
+from freemesh_ray.bench import benchmarks
+from freemesh_ray.bench.benchmarks import BENCHMARKS
 from freemesh_ray.cli import command
 
 pytestmark = pytest.mark.slow
@@ -37,30 +37,30 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, dict[str, Any]]]:
     def imported(module: str) -> SimpleNamespace:
         return SimpleNamespace(run=lambda **given: calls.append((module.rpartition(".")[2], given)))
 
-    monkeypatch.setattr(registry, "import_module", imported)
+    monkeypatch.setattr(benchmarks, "import_module", imported)
     return calls
 
 
 def test_each_is_given_what_it_takes(ran: list[tuple[str, dict[str, Any]]]) -> None:
-    registry.run(["serving", "env", "mesher"], seconds=3.0, policy=POLICY)
+    benchmarks.run(["serving", "env", "mesher"], seconds=3.0, policy=POLICY)
     assert ran == [
-        ("serving", {"policy": POLICY, "seconds": 3.0}),
-        ("environment", {"seconds": 3.0}),
-        ("mesher", {"policy": POLICY}),
+        ("service_load", {"policy": POLICY, "seconds": 3.0}),
+        ("env_steps", {"seconds": 3.0}),
+        ("elements", {"policy": POLICY}),
     ]
 
 
 def test_without_a_name_the_default_ones_run(ran: list[tuple[str, dict[str, Any]]]) -> None:
-    registry.run([], seconds=1.0, policy=POLICY)
-    assert [module for module, _ in ran] == ["environment", "learner", "sampling"]
+    benchmarks.run([], seconds=1.0, policy=POLICY)
+    assert [module for module, _ in ran] == ["env_steps", "learner", "sampling"]
 
 
 def test_one_whose_package_is_missing_is_skipped(
     ran: list[tuple[str, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(registry, "find_spec", lambda name: None)
-    registry.run(["learner", "env"], seconds=1.0, policy=POLICY)
-    assert [module for module, _ in ran] == ["environment"]
+    monkeypatch.setattr(benchmarks, "find_spec", lambda name: None)
+    benchmarks.run(["learner", "env"], seconds=1.0, policy=POLICY)
+    assert [module for module, _ in ran] == ["env_steps"]
     assert "pip install stable_baselines3" in capsys.readouterr().out
 
 
@@ -86,7 +86,7 @@ SMALLEST = {
 RUN = """
 import sys
 from importlib import import_module
-from freemesh_ray.bench.registry import BENCHMARKS
+from freemesh_ray.bench.benchmarks import BENCHMARKS
 from freemesh_ray.cli.command import main
 vars(import_module(f"freemesh_ray.bench.{{BENCHMARKS[{name!r}].module}}")).update(dict({smallest}))
 sys.exit(main(["bench", "--part", {name!r}, "--seconds", "0.01"]))
@@ -111,6 +111,6 @@ def test_each_measures(name: str, tmp_path: Path) -> None:
 
 def test_importing_the_registry_is_light() -> None:
     heavy = ["numpy", "numba", "ray", "torch", "mlflow", "stable_baselines3"]
-    code = f"import sys, freemesh_ray.bench.registry; print([name for name in {heavy} if name in sys.modules])"
+    code = f"import sys, freemesh_ray.bench.benchmarks; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert done.stdout == "[]\n"

@@ -15,7 +15,7 @@ import pytest
 from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray.cli import command as cli
-from freemesh_ray.mesher import MeshingError, api
+from freemesh_ray.mesher import MeshingError, polygon_to_mesh
 from freemesh_ray.policies.policy import Policy
 
 SQUARE = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
@@ -137,7 +137,7 @@ def test_a_mesh_that_cannot_be_is_no_bad_input(
     def refuse(*args: object, **options: object) -> None:
         raise MeshingError("T3: too thin")
 
-    monkeypatch.setattr(api, "mesh_domain", refuse)
+    monkeypatch.setattr(polygon_to_mesh, "mesh_domain", refuse)
     assert cli.main(["mesh", "T3", "-o", "o.vtu", "--policy", policy]) == 1
     assert capsys.readouterr().err == "freemesh: T3: too thin\n"
     assert not Path("o.vtu").exists()
@@ -152,8 +152,8 @@ def test_what_helped_the_policy_is_told(
     sources: dict[str, int], backtracks: int, told: list[str], policy: str, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    mesh_domain = api.mesh_domain
-    monkeypatch.setattr(api, "mesh_domain", lambda *given, **wishes: replace(
+    mesh_domain = polygon_to_mesh.mesh_domain
+    monkeypatch.setattr(polygon_to_mesh, "mesh_domain", lambda *given, **wishes: replace(
         mesh_domain(*given, **wishes), sources=sources, backtracks=backtracks
     ))  # fmt: skip
     assert cli.main(["mesh", polygon(SQUARE), "-o", "o.vtu", "--policy", policy]) == 0

@@ -22,8 +22,8 @@ from ray._private.runtime_env import packaging
 
 from envs.errors import BAD_INPUT, INTERRUPTED
 from freemesh_ray.cli import command, submit
-from freemesh_ray.jobs import server
-from freemesh_ray.jobs.submit_line import RUNTIME_ENV, runtime_env, submission
+from freemesh_ray.ray_jobs import job_server
+from freemesh_ray.ray_jobs.submit_line import RUNTIME_ENV, runtime_env, submission
 from freemesh_ray.tracking import provenance
 
 #: Bytes of a job's code, packed.
@@ -34,7 +34,7 @@ SMALL = 3_000_000
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder that looks like a checkout, and an environment that says nothing."""
     for variable in (
-        *server.ADDRESSES,
+        *job_server.ADDRESSES,
         "RAY_AUTH_TOKEN",
         "RAY_AUTH_TOKEN_PATH",
         "FREEMESH_HOME",
@@ -69,7 +69,7 @@ def test_the_line_carries_configuration_and_overrides_and_goes_on(capsys: pytest
     assert line[:3] == ["ray", "job", "submit"]
     assert line[line.index("--") :] == ["--", "python", "-m", "freemesh_ray", *asked, "--resume"]
     assert value(line, "--working-dir") == "."
-    assert value(line, "--address") == server.DEFAULT
+    assert value(line, "--address") == job_server.DEFAULT
     assert value(line, "--entrypoint-num-cpus") == "1"
     assert "--submission-id" not in line, "the line can be run again"
     assert printed(capsys, "--", *asked, "--resume") == line
@@ -196,7 +196,7 @@ def test_who_stops_following_is_told_how_to_stop_the_job(
         ran.append(line)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(server, "submitted", lambda url: set())
+    monkeypatch.setattr(job_server, "submitted", lambda url: set())
     monkeypatch.setattr(submit, "follow", follow)
     assert command.main(["submit", "--address", "http://head:8265", "--", "train"]) == INTERRUPTED
     out, err = capsys.readouterr()
@@ -255,16 +255,16 @@ def test_a_checkout_that_is_too_large_to_upload_is_one_line(
 
 def test_address_and_token_are_found_where_ray_finds_them(tmp_path: Path) -> None:
     both = {"RAY_ADDRESS": "http://second:1", "RAY_API_SERVER_ADDRESS": "https://first/"}
-    assert server.address(None, both) == "https://first"
-    assert server.address(None, {"RAY_ADDRESS": "http://second:1"}) == "http://second:1"
-    assert server.address("http://given:1", both) == "http://given:1"
+    assert job_server.address(None, both) == "https://first"
+    assert job_server.address(None, {"RAY_ADDRESS": "http://second:1"}) == "http://second:1"
+    assert job_server.address("http://given:1", both) == "http://given:1"
     (tmp_path / "token").write_text("secret\n")
-    assert server.token({"RAY_AUTH_TOKEN_PATH": str(tmp_path / "token")}) == "secret"
-    assert server.token({"RAY_AUTH_TOKEN": "own", "RAY_AUTH_TOKEN_PATH": str(tmp_path / "token")}) == "own"
-    assert server.token({}) == ""
+    assert job_server.token({"RAY_AUTH_TOKEN_PATH": str(tmp_path / "token")}) == "secret"
+    assert job_server.token({"RAY_AUTH_TOKEN": "own", "RAY_AUTH_TOKEN_PATH": str(tmp_path / "token")}) == "own"
+    assert job_server.token({}) == ""
     (tmp_path / "user" / ".ray").mkdir(parents=True)
     (tmp_path / "user" / ".ray" / "auth_token").write_text("mine")
-    assert server.token({}) == "mine"
+    assert job_server.token({}) == "mine"
 
 
 def test_the_upload_is_small_and_has_all_that_a_job_needs(tmp_path: Path) -> None:
@@ -276,9 +276,11 @@ def test_the_upload_is_small_and_has_all_that_a_job_needs(tmp_path: Path) -> Non
     folders = {name.split("/")[0] for name in names}
     assert {"envs", "freemesh_ray", "tune_configs"} <= folders
     assert not {".git", "docs", "tests", "runs", "studies"} & folders
-    assert {"tune_configs/defaults.yaml", "envs/domains/catalogue/T1.json", "freemesh_ray/jobs/submit_line.py"} <= set(
-        names
-    )
+    assert {
+        "tune_configs/defaults.yaml",
+        "envs/domains/catalogue/T1.json",
+        "freemesh_ray/ray_jobs/submit_line.py",
+    } <= set(names)
     assert not [name for name in names if "__pycache__" in name or name.endswith(".npz")]
     assert {str(path.relative_to(ROOT)) for path in (ROOT / "freemesh_ray").rglob("*.py")} <= set(names)
     assert package.stat().st_size < SMALL

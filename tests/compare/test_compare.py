@@ -17,15 +17,15 @@ from envs.mesh import Mesh
 from envs.types import Domain, DomainError, MeshingParameters
 from freemesh_ray import export, plots
 from freemesh_ray.cli import command
-from freemesh_ray.compare import report
+from freemesh_ray.compare import output
 from freemesh_ray.compare.comparison import box_values, compare
-from freemesh_ray.compare.meshers import OURS, RAW, Mesher, ours
+from freemesh_ray.compare.joint_values import pooled
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
-from freemesh_ray.compare.pooled import pooled
+from freemesh_ray.compare.named_meshers import OURS, RAW, Mesher, ours
 from freemesh_ray.compare.row import Row, figures
 from freemesh_ray.formatting.table import markdown
+from freemesh_ray.mesh_geometry.metrics import by_element
 from freemesh_ray.mesher import MeshResult
-from freemesh_ray.meshes.metrics import by_element
 from freemesh_ray.policies.policy import Policy
 
 RING = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
@@ -136,10 +136,10 @@ def test_json_holds_what_the_csv_does(tmp_path: Path) -> None:
 def test_who_took_no_part_is_told_in_every_table(tmp_path: Path) -> None:
     rows = [row for entry in compare([square()], MESHERS, None, lambda row: None) for row in entry.rows]
     absent = {"a-1": "a is not installed; pip install a", "b": "no b", "a-2": "a is not installed; pip install a"}
-    for text in (report.text(rows, absent), report.summary(rows, absent)):
+    for text in (output.text(rows, absent), output.summary(rows, absent)):
         assert text.count("a-1, a-2: a is not installed; pip install a") == 1
         assert text.count("- b: no b") == 1
-    assert "Not compared" not in report.text(rows)
+    assert "Not compared" not in output.text(rows)
 
 
 def test_two_domains_of_one_name_are_refused() -> None:
@@ -163,17 +163,17 @@ def test_our_mesher_gives_raw_and_finished() -> None:
 def test_means_are_over_what_each_completed() -> None:
     first = figures(mixed(square("a"), "x", 0.1), square("a"))
     second = figures(mixed(square("b"), "x", 0.3, 1.4), square("b"))
-    found = report.means([first, second])
+    found = output.means([first, second])
     assert found["eta"] == pytest.approx((first["eta"] + second["eta"]) / 2)
     assert found["milliseconds"] == pytest.approx(200.0)
     assert found["elements_per_second"] == pytest.approx(8 / 0.4)
-    assert all(math.isnan(value) for value in report.means([]).values())
+    assert all(math.isnan(value) for value in output.means([]).values())
 
 
 def test_tables_of_all_domains_and_their_means() -> None:
     done = compare([square("a"), square("b")], MESHERS, None, lambda row: None)
     rows = [row for entry in done for row in entry.rows]
-    text = report.text(rows)
+    text = output.text(rows)
     assert text.count("### ") == 3
     assert "### a" in text
     assert "- bad failed: no luck" in text
@@ -182,7 +182,7 @@ def test_tables_of_all_domains_and_their_means() -> None:
     assert [line.split("|")[-2].strip() for line in lines[4:7]] == ["2/2", "0/2", "2/2"]
     assert "that all completed" not in text, "nobody completed all"
     more = compare([square("c"), square("d")], [MESHERS[0], MESHERS[2]], None, lambda row: None)
-    text = report.text([*rows, *(row for entry in more for row in entry.rows)])
+    text = output.text([*rows, *(row for entry in more for row in entry.rows)])
     shared = text[text.index("### Mean over the 2 domains that all completed") :].splitlines()
     assert [line.split("|")[-2].strip() for line in shared[4:6]] == ["2/2", "2/2"]
 
@@ -196,7 +196,7 @@ def test_a_markdown_table_lines_up() -> None:
 def test_the_summary_fits_a_terminal_and_holds_the_same_figures() -> None:
     done = compare([square("a"), square("b")], MESHERS, None, lambda row: None)
     rows = [row for entry in done for row in entry.rows]
-    brief, full = report.summary(rows), report.text(rows)
+    brief, full = output.summary(rows), output.text(rows)
     assert max(map(len, brief.splitlines())) <= 120
     assert "|" not in brief
     assert "- bad failed: no luck" in brief
@@ -209,7 +209,7 @@ def test_the_summary_fits_a_terminal_and_holds_the_same_figures() -> None:
 def test_who_is_best_is_told_by_every_column() -> None:
     meshers = [MESHERS[0], MESHERS[2], Mesher("slow", lambda domain: [mixed(domain, "slow", 2.0, 1.3)])]
     rows = [row for entry in compare([square("a"), square("b")], meshers, None, lambda row: None) for row in entry.rows]
-    for text in (report.summary(rows), report.text(rows).replace("\\", "")):
+    for text in (output.summary(rows), output.text(rows).replace("\\", "")):
         told = [part.replace("\n", " ") for part in text.split("\n\n") if part.startswith("Best: ")]
         assert len(told) == 3, "each domain and the means"
         for line in told:
@@ -224,10 +224,10 @@ def test_who_is_best_is_told_by_every_column() -> None:
 
 def test_nobody_is_best_alone_or_where_all_are() -> None:
     rows = [row for entry in compare([square()], MESHERS[:2], None, lambda row: None) for row in entry.rows]
-    assert "Best:" not in report.text(rows)
+    assert "Best:" not in output.text(rows)
     twin = Mesher("twin", lambda domain: [mixed(domain, "twin")])
     rows = [row for entry in compare([square()], [MESHERS[0], twin], None, lambda row: None) for row in entry.rows]
-    assert "Best:" not in report.text(rows)
+    assert "Best:" not in output.text(rows)
 
 
 def test_sizes_and_angles_are_measured_against_the_boundary() -> None:

@@ -15,8 +15,8 @@ from envs.types import Domain
 from freemesh_ray.compare import fastq_mesher
 from freemesh_ray.compare.boundary_change import boundary_change
 from freemesh_ray.compare.fastq_mesher import cards, mesh
-from freemesh_ray.compare.meshers import installed_peers
 from freemesh_ray.compare.mixed_mesh import PeerError
+from freemesh_ray.compare.named_meshers import installed_peers
 
 RING = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
 QUADS = np.array([[0, 1, 8, 7], [1, 2, 3, 8], [8, 3, 4, 5], [7, 8, 5, 6]])

@@ -10,7 +10,7 @@ import pytest
 
 from freemesh_ray.compare import meshio_file
 from freemesh_ray.compare.child_process import Limits
-from freemesh_ray.compare.mesh_file import MeshFileError, read
+from freemesh_ray.compare.foreign_mesh import MeshFileError, read
 
 NODES = "*NODE\n1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
 

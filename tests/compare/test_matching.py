@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from envs.domains.load import from_rings, load
 from envs.types import Domain
 from freemesh_ray.cli import command
-from freemesh_ray.compare import meshers, report
+from freemesh_ray.compare import named_meshers, output
 from freemesh_ray.compare.boundary_change import boundary_change
 from freemesh_ray.compare.comparison import compare
 from freemesh_ray.compare.matching import LEAST, MOST, TOLERANCE, TRIES, match
-from freemesh_ray.compare.meshers import Mesher, peer_mesh
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
+from freemesh_ray.compare.named_meshers import Mesher, peer_mesh
 from freemesh_ray.compare.peers import PEERS
 
 DOMAIN = from_rings([[0, 0], [1, 0], [1, 1], [0, 1]], name="one")
@@ -130,7 +130,7 @@ def test_nothing_to_match_is_told() -> None:
     peer = Mesher("near", lambda domain: [strip(150, "near")], near)
     (compared,) = compare([DOMAIN], [Mesher("ours", none), peer], None, lambda row: None, matched=True)
     assert [row.remark for row in compared.rows] == ["", "not matched: there is no mesh to match"]
-    assert "size x" not in report.tables(compared.rows, report.FULL)
+    assert "size x" not in output.tables(compared.rows, output.FULL)
 
 
 def test_matching_nothing_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -139,8 +139,10 @@ def test_matching_nothing_is_one_line(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_the_command_matches_elements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(meshers, "peer_mesh", lambda domain, name, *factor: strip(round(500 / (*factor, 1.0)[0]), name))
-    monkeypatch.setattr(meshers, "absence", lambda peer: "")
+    monkeypatch.setattr(
+        named_meshers, "peer_mesh", lambda domain, name, *factor: strip(round(500 / (*factor, 1.0)[0]), name)
+    )
+    monkeypatch.setattr(named_meshers, "absence", lambda peer: "")
     arguments = ["compare", "T1", "--peers", "gmsh-8,netgen", "--out", str(tmp_path), "--no-pictures"]
     assert command.main([*arguments, "--match-elements"]) == 0
     rows = {row["mesher"]: row for row in csv.DictReader((tmp_path / "comparison.csv").open(newline=""))}

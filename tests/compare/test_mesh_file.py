@@ -13,10 +13,10 @@ from envs.domains.load import from_rings
 from envs.mesh import Mesh
 from envs.types import Domain
 from freemesh_ray import export
-from freemesh_ray.compare.mesh_file import MeshFileError, files, placed, read
+from freemesh_ray.compare.foreign_mesh import MeshFileError, files, placed, read
 from freemesh_ray.compare.mixed_mesh import PeerError, of_mesh
 from freemesh_ray.compare.row import figures
-from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.mesh_geometry.metrics import measure
 
 
 def grid(n: int, name: str = "grid") -> tuple[Domain, Mesh]:

@@ -13,14 +13,14 @@ from envs.domains.load import from_rings, load
 from envs.polygons.rings import loops
 from envs.types import Domain
 from freemesh_ray.cli import command
-from freemesh_ray.compare import gmsh_mesher, meshers
+from freemesh_ray.compare import gmsh_mesher, named_meshers
 from freemesh_ray.compare.boundary_change import boundary_change
 from freemesh_ray.compare.child_process import ChildDiedError, in_child_process
 from freemesh_ray.compare.gmsh_mesher import VARIANTS, started
-from freemesh_ray.compare.meshers import installed_peers, peer_mesh
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError
+from freemesh_ray.compare.named_meshers import installed_peers, peer_mesh
 from freemesh_ray.compare.peers import PACKAGES, PEERS
-from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.mesh_geometry.metrics import measure
 
 
 def covered(mesh: MixedMesh) -> float:
@@ -132,7 +132,7 @@ def test_a_peer_without_its_libraries_is_left_out_with_what_is_missing(monkeypat
     def missing(name: str) -> None:
         raise OSError("libGLU.so.1: cannot open shared object file")
 
-    monkeypatch.setattr(meshers, "import_module", missing)
+    monkeypatch.setattr(named_meshers, "import_module", missing)
     lines: list[str] = []
     found = installed_peers(["gmsh-default", "gmsh-8"], lines.append)
     assert found.meshers == []

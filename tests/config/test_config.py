@@ -14,7 +14,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from envs.plug_in import SPEC, PlugIns
+from envs.plug_ins.environment_parts import PlugIns
+from envs.plug_ins.lookup import SPEC
 from envs.types import NAMED, SETTINGS, TINY, MeshingParameters
 from freemesh_ray.config import (
     ALGORITHMS,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from freemesh_ray import config
-from freemesh_ray.config.runners import runner_count
+from freemesh_ray.config.env_runner_count import runner_count
 
 
 def tree(**settings: Any) -> dict[str, Any]:

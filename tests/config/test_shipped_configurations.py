@@ -21,14 +21,15 @@ from freemesh_ray import config
 from freemesh_ray.algorithms.build import configured
 from freemesh_ray.local_ray import local_ray
 from freemesh_ray.studies import definition
+from freemesh_ray.studies.completion_mark import finished
 from freemesh_ray.studies.definition import Study
-from freemesh_ray.studies.finished import finished
 from freemesh_ray.studies.plan import SearchPlan, Trial, VariantPlan, default_point, variant_plan
 from freemesh_ray.studies.trainable import TrialTrainable
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Algorithm, Status
+from freemesh_ray.training.loop import Algorithm
 from freemesh_ray.training.run_folder import RunFolder
+from freemesh_ray.training.status import Status
 
 pytestmark = pytest.mark.slow
 

@@ -13,10 +13,10 @@ from freemesh_ray.cli import convergence as command
 from freemesh_ray.cli.command import main
 from freemesh_ray.cli.convergence import PROBLEMS
 from freemesh_ray.compare.matching import TOLERANCE
-from freemesh_ray.compare.meshers import Mesher, ours
 from freemesh_ray.compare.mixed_mesh import MixedMesh, PeerError, assembled
+from freemesh_ray.compare.named_meshers import Mesher, ours
 from freemesh_ray.compare.our_mesher import maker
-from freemesh_ray.convergence import cylinder, kirsch, l_shape, laplace, report, square
+from freemesh_ray.convergence import cylinder, kirsch, l_shape, laplace, output, square
 from freemesh_ray.convergence.problem import Problem, UnsolvableError, circle, polygon
 from freemesh_ray.convergence.run import Solved, run
 from freemesh_ray.policies.policy import SHIPPED
@@ -133,13 +133,13 @@ def test_lines_that_fail_are_told_and_leave_no_ratio(capsys: pytest.CaptureFixtu
     found = run("p", problem, [Mesher("some", mesh)], 4, told.append)
     assert told == found
     assert [solved.failure for solved in found] == ["", "no way", "", ""]
-    text = report.section(problem, found)
+    text = output.section(problem, found)
     assert text.endswith("- p at 0.5  some: failed: no way")
     ratios = [line.split("|")[6].strip() for line in text.splitlines() if line.startswith("| some")]
     assert ratios[:2] == ["-", "-"]
     assert float(ratios[2]) == pytest.approx(found[3].errors["H1"] / found[2].errors["H1"], abs=0.006)  # type: ignore[index]
-    assert report.csv(found).splitlines()[1].startswith("p,some,1.0,1,4,,H1,")
-    assert len(report.csv(found).splitlines()) == 1 + 2 * 3
+    assert output.csv(found).splitlines()[1].startswith("p,some,1.0,1,4,,H1,")
+    assert len(output.csv(found).splitlines()) == 1 + 2 * 3
 
 
 def test_at_as_many_elements_the_best_of_the_others_is_named(capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,7 +172,7 @@ def test_at_as_many_elements_the_best_of_the_others_is_named(capsys: pytest.Capt
         assert [solved.vertices for solved in level[:3]] == [
             (round(solved.elements**0.5) + 1) ** 2 for solved in level[:3]
         ]
-    text = report.section(problem, found)
+    text = output.section(problem, found)
     assert "| size x |" in text
     lines = [line for line in text.splitlines() if "best of the others" in line]
     assert [line.split()[1:4] for line in lines] == [
@@ -183,8 +183,8 @@ def test_at_as_many_elements_the_best_of_the_others_is_named(capsys: pytest.Capt
         assert f"ours {solved[0].errors[name]:.3%}" in line  # type: ignore[index]
         assert f"best of the others {best.mesher} {best.errors[name]:.3%}" in line  # type: ignore[index]
     alone = run("p", problem, meshers[:1], 1, lambda solved: None, matched=True)
-    assert "best of the others" not in report.section(problem, alone)
-    assert "size x" not in report.section(problem, alone)
+    assert "best of the others" not in output.section(problem, alone)
+    assert "size x" not in output.section(problem, alone)
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

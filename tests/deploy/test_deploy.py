@@ -32,7 +32,7 @@ from manifests import (
 )
 
 from freemesh_ray import config
-from freemesh_ray.config.runners import runner_count
+from freemesh_ray.config.env_runner_count import runner_count
 
 MOUNTED = "/shared"
 #: Of the API server: the oldest and the newest that the manifests are checked against.

@@ -18,7 +18,7 @@ import manifests
 import pytest
 from loopback import own_network
 
-from freemesh_ray.tracking import store
+from freemesh_ray.tracking import mlflow_store
 
 psycopg2 = pytest.importorskip("psycopg2")
 pytest.importorskip("flask_wtf", reason="MLflow's login needs it: pip install mlflow[auth]")
@@ -123,7 +123,7 @@ def test_it_is_in_mlflow(done: Deployment, monkeypatch: pytest.MonkeyPatch) -> N
     """Its metrics and its artifacts, for who logs in; both stores are those that compose.yaml gives the server."""
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "admin")
     monkeypatch.setenv("MLFLOW_TRACKING_PASSWORD", done.services.secrets["MLFLOW_TRACKING_PASSWORD"])
-    client = store.mlflow_client()(done.mlflow, done.mlflow)
+    client = mlflow_store.mlflow_client()(done.mlflow, done.mlflow)
     (run,) = client.search_runs([client.get_experiment_by_name("freemesh").experiment_id])
     assert run.info.status == "FINISHED"
     assert {"learner/critic_loss", "mesh/T1/eta_min"} <= run.data.metrics.keys()

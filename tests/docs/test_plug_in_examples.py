@@ -10,7 +10,7 @@ import yaml
 from plugged import modules
 from processes import ROOT
 
-from envs import plug_in
+from envs.plug_ins import search_path
 from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.config import algorithm_name
@@ -32,7 +32,7 @@ TINY = {
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path) -> Iterator[None]:
     with modules(tmp_path):
-        plug_in.look_in(FOLDER)
+        search_path.look_in(FOLDER)
         yield
 
 

@@ -10,7 +10,7 @@ import pytest
 from checkout import ROOT, files
 
 from freemesh_ray.records.schema import COLUMNS, FILE
-from freemesh_ray.report.report import write_results
+from freemesh_ray.report.one_study import write_results
 from freemesh_ray.report.results import from_records
 
 RECORDS = [name for name in files() if re.fullmatch(rf"docs/studies/[^/]+/{re.escape(FILE)}", name)]

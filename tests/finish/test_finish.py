@@ -12,8 +12,8 @@ from envs.mesh import Mesh
 from envs.quality import convex_quality, element_quality
 from freemesh_ray.finish import finish
 from freemesh_ray.finish.cleanup import FLOOR
-from freemesh_ray.finish.finish import better, no_worse
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.finish.whole_finish import better, no_worse
+from freemesh_ray.mesh_geometry.metrics import irregular
 
 
 def eta(mesh: Mesh) -> np.ndarray:

@@ -19,12 +19,26 @@ from envs.quality import element_quality
 from envs.types import Floats
 from freemesh_ray.finish import EFFORTS, finish
 from freemesh_ray.finish.cleanup import FLOOR
-from freemesh_ray.finish.finish import LOST, better
 from freemesh_ray.finish.halfedges import NONE, Halfedges, compact
 from freemesh_ray.finish.optimiser import NO_SIZES
 from freemesh_ray.finish.refill import Effort, refill
 from freemesh_ray.finish.refill.annulus import outside, rings
-from freemesh_ray.finish.refill.filling import (
+from freemesh_ray.finish.refill.growth import (
+    LOOP,
+    OUTER,
+    REFLEX,
+    REFLEX_CORNERS,
+    SIZE,
+    Growth,
+    add,
+    growth_of,
+    push_fan,
+    shrink,
+    stack_around,
+)
+from freemesh_ray.finish.refill.patterns import MOST_OF_DOMAIN
+from freemesh_ray.finish.refill.placement import place, placement_of
+from freemesh_ray.finish.refill.ring_filling import (
     CORNER_COUNT,
     CORNERED,
     FLAT_FIRST,
@@ -42,22 +56,8 @@ from freemesh_ray.finish.refill.filling import (
     spokes_of,
     toggled_star,
 )
-from freemesh_ray.finish.refill.growth import (
-    LOOP,
-    OUTER,
-    REFLEX,
-    REFLEX_CORNERS,
-    SIZE,
-    Growth,
-    add,
-    growth_of,
-    push_fan,
-    shrink,
-    stack_around,
-)
-from freemesh_ray.finish.refill.patterns import MOST_OF_DOMAIN
-from freemesh_ray.finish.refill.placement import place, placement_of
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.finish.whole_finish import LOST, better
+from freemesh_ray.mesh_geometry.metrics import irregular
 
 
 def on_circle(n: int, corners: list[int], room: int = 4000) -> Filling:

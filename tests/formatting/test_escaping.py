@@ -23,7 +23,7 @@ from envs.errors import UserError
 from envs.printable import printable
 from envs.types import DomainError
 from freemesh_ray import export, plots
-from freemesh_ray.compare import report as comparison
+from freemesh_ray.compare import output as comparison
 from freemesh_ray.compare.boundary_change import BoundaryChange
 from freemesh_ray.compare.row import Row
 from freemesh_ray.formatting import terminal
@@ -31,7 +31,7 @@ from freemesh_ray.formatting.csv_text import cell, csv_text
 from freemesh_ray.formatting.html import embedded
 from freemesh_ray.formatting.markdown import Markdown, block, bold, code, escaped
 from freemesh_ray.formatting.table import markdown, table
-from freemesh_ray.mesher.api import Mesh
+from freemesh_ray.mesher.polygon_to_mesh import Mesh
 from freemesh_ray.plots import replay
 
 names = st.sampled_from(HOSTILE) | st.text(st.characters(codec=None, exclude_categories=()), max_size=40)

@@ -10,7 +10,7 @@ import shapely
 from checkout import ROOT
 
 import freemesh_ray
-from envs.drawing import Drawing, Line, Place
+from envs.polygons.drawing import Drawing, Line, Place
 from envs.types import DomainError
 
 LEFT = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]

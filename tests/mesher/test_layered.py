@@ -7,11 +7,11 @@ import pytest
 
 from envs.errors import UserError
 from envs.polygons.boundary_layers import Layers, boundary_layers
-from envs.polygons.domain import from_rings
 from envs.polygons.layer_loops import Rows
+from envs.polygons.validation import from_rings
 from envs.types import Floats
-from freemesh_ray.mesher.api import Mesh
-from freemesh_ray.meshes.layered import with_layers
+from freemesh_ray.mesh_geometry.layered import with_layers
+from freemesh_ray.mesher.polygon_to_mesh import Mesh
 
 
 def meshed(rings: list[Floats], carries: list[np.ndarray], rows: Rows) -> tuple[Layers, Mesh]:

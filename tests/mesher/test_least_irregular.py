@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from envs.types import Floats
-from freemesh_ray.mesher.api import Mesh, mesh
-from freemesh_ray.meshes.metrics import irregular
+from freemesh_ray.mesh_geometry.metrics import irregular
+from freemesh_ray.mesher.polygon_to_mesh import Mesh, mesh
 from freemesh_ray.policies.policy import DENSITY, SHIPPED, Policy
 
 

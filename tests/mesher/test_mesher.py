@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from checkout import REFERENCES
+from freemesh_ray.finish.finish import USUAL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -23,15 +24,14 @@ from envs.mdp.observation import observation_size
 from envs.mdp.transition import numbers
 from envs.quality import element_quality
 from envs.types import NO_WISHES, Domain, MeshingParameters, WantedSizes
-from freemesh_ray.finish.finish import USUAL
-from freemesh_ray.mesher import MeshingError, mesh_domain, meshing
+from freemesh_ray.mesher import MeshingError, domain_to_mesh, mesh_domain
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark
 from freemesh_ray.mesher.candidates import candidates, consider
+from freemesh_ray.mesher.domain_to_mesh import ATTEMPTS, mean_quality, mesh_once
 from freemesh_ray.mesher.engine import Grown, grow
 from freemesh_ray.mesher.ideal_elements import SHAPES, shape
 from freemesh_ray.mesher.lookahead import DEPTH, fill, tree
-from freemesh_ray.mesher.meshing import ATTEMPTS, mean_quality, mesh_once
 from freemesh_ray.mesher.undo_log import SOURCES, element, undo_log
 from freemesh_ray.policies.policy import DEFAULT, Policy, PolicyError
 
@@ -157,7 +157,7 @@ def test_a_ring_without_room_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
     def refuse(points: object, ring: object) -> None:
         raise FillError("too thin")
 
-    monkeypatch.setattr(meshing, "fill", refuse)
+    monkeypatch.setattr(domain_to_mesh, "fill", refuse)
     capped = constant((0.0, 0.0, 0.0), 0.0, max_elements=20)
     with pytest.raises(MeshingError, match="T1: too thin"):
         mesh_domain(capped, load("T1"))
@@ -219,7 +219,7 @@ def stopped() -> list[Grown]:
 def test_a_domain_that_got_stuck_is_begun_again(monkeypatch: pytest.MonkeyPatch, stopped: list[Grown]) -> None:
     whole = replace(stopped[0], mesh=mesh_domain(BISECTOR, DISC).raw, ring=np.empty(0, dtype=np.int64))
     asked: list[float] = []
-    monkeypatch.setattr(meshing, "grow", attempts_of([stopped[0], whole], asked))
+    monkeypatch.setattr(domain_to_mesh, "grow", attempts_of([stopped[0], whole], asked))
     made = mesh_domain(BISECTOR, DISC, smooth=False, clean=False)
     assert made.attempts == len(asked) == 2
     assert made.filled == 0
@@ -228,7 +228,7 @@ def test_a_domain_that_got_stuck_is_begun_again(monkeypatch: pytest.MonkeyPatch,
 
 def test_further_attempts_explore(monkeypatch: pytest.MonkeyPatch, stopped: list[Grown]) -> None:
     asked: list[float] = []
-    monkeypatch.setattr(meshing, "grow", attempts_of(stopped, asked))
+    monkeypatch.setattr(domain_to_mesh, "grow", attempts_of(stopped, asked))
     mesh_domain(BISECTOR, DISC, smooth=False, clean=False)
     first, *others = asked
     assert first == 0.0
@@ -240,7 +240,7 @@ def test_the_attempt_that_covers_most_is_handed_out(monkeypatch: pytest.MonkeyPa
     assert len(set(areas)) == ATTEMPTS > 1
     best = stopped[int(np.argmax(areas))]
     for order in permutations(stopped):
-        monkeypatch.setattr(meshing, "grow", attempts_of(order, []))
+        monkeypatch.setattr(domain_to_mesh, "grow", attempts_of(order, []))
         made = mesh_domain(BISECTOR, DISC, smooth=False, clean=False)
         assert made.raw.quads[: -made.filled].tobytes() == best.mesh.quads.tobytes()
 

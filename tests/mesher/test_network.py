@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from envs.mdp.observation import observation_size
 from envs.types import MeshingParameters
 from freemesh_ray.mesher.agent import agent, mean_action, sampled_action, value
-from freemesh_ray.mesher.network import LANES, forward, pack, padded
+from freemesh_ray.mesher.forward_pass import LANES, forward, pack, padded
 from freemesh_ray.policies.policy import Policy
 
 Layers = list[tuple[np.ndarray, np.ndarray]]

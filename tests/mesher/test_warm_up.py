@@ -19,13 +19,13 @@ from checkout import ROOT
 from numba.core.caching import FunctionCache
 
 from envs.domains.load import load
-from envs.kernels import compiled as decorators
+from envs.kernels import jit as decorators
 from envs.kernels import slot_tree
-from envs.kernels.compiled import compiled, inlined, inner
-from envs.kernels.compiling import compiling, missing, needed
+from envs.kernels.ahead_of_time import compiling, missing, needed
+from envs.kernels.jit import compiled, inlined, inner
 from envs.mdp.front import _index
-from freemesh_ray.cli.compiling_line import CompilingLine
-from freemesh_ray.mesher import mesh_domain, meshing, warm_up
+from freemesh_ray.cli.kernel_progress import CompilingLine
+from freemesh_ray.mesher import domain_to_mesh, mesh_domain, warm_up
 from freemesh_ray.policies.policy import DEFAULT, Policy
 
 #: ``freemesh mesh``, and then what was compiled: kernels by name with their signatures, and those a mesh may need.
@@ -35,8 +35,8 @@ from numba.core.event import install_recorder
 from freemesh_ray.cli.command import main
 with install_recorder("numba:compile") as events:
     assert main(["mesh", "D4", "-o", sys.argv[1]]) == 0
-from envs.kernels.compiled import kernels
-from envs.kernels.compiling import needed
+from envs.kernels.jit import kernels
+from envs.kernels.ahead_of_time import needed
 from freemesh_ray.mesher.warm_up import entries
 name = lambda kernel: f"{kernel.__module__}.{kernel.__name__}"
 compiled = [name(e.data["dispatcher"]) for _, e in events.buffer if e.is_start]
@@ -56,7 +56,7 @@ from numba.core.event import install_recorder
 import freemesh_ray
 from envs.filling.convex_fill import fill
 from envs.domains.load import load
-from freemesh_ray.mesher import mesh_domain, meshing
+from freemesh_ray.mesher import mesh_domain, domain_to_mesh
 from freemesh_ray.policies.policy import SHIPPED, Policy
 from hard_rings import drawn
 with install_recorder("numba:compile") as events:
@@ -67,7 +67,7 @@ with install_recorder("numba:compile") as events:
     freemesh_ray.mesh(holed, edge_length=0.2).quality()
     for seed in range(9):
         fill(*drawn(seed, 60))
-    meshing.ATTEMPTS = 0
+    domain_to_mesh.ATTEMPTS = 0
     for name in ("D4", "T2"):
         filled = mesh_domain(Policy.load(SHIPPED["sparse"]), load(name))
         assert filled.filled == len(filled.raw.quads)
@@ -164,8 +164,8 @@ def test_the_time_of_a_mesh_does_not_include_compiling(monkeypatch: pytest.Monke
     def compile_for_an_hour(policy: Policy) -> None:
         passed[0] += 3600
 
-    monkeypatch.setattr(meshing, "time", SimpleNamespace(perf_counter=lambda: passed[0] + 1e-3 * next(clock)))
-    monkeypatch.setattr(meshing, "warm_up", compile_for_an_hour)
+    monkeypatch.setattr(domain_to_mesh, "time", SimpleNamespace(perf_counter=lambda: passed[0] + 1e-3 * next(clock)))
+    monkeypatch.setattr(domain_to_mesh, "warm_up", compile_for_an_hour)
     for best_of in (1, 2):
         made = mesh_domain(Policy.load(DEFAULT), load("T1"), best_of=best_of)
         assert 0.0 < made.seconds_raw < made.seconds_finished < 60.0
@@ -270,7 +270,7 @@ def test_without_a_place_for_machine_code_there_is_none(monkeypatch: pytest.Monk
 def test_what_a_learner_compiles_is_not_the_mesher_s() -> None:
     """A process that trains and meshes waits for no kernel of the learner's, which it may never call."""
     import freemesh_ray.algorithms.mlp_passes  # noqa: F401
-    from envs.kernels.compiled import kernels
+    from envs.kernels.jit import kernels
 
     modules = {kernel.__module__ for kernel in warm_up.entries()}
     assert "freemesh_ray.algorithms.mlp_passes" in {kernel.__module__ for kernel in kernels()}

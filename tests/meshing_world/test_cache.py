@@ -55,8 +55,8 @@ def platform(copy: Path) -> Path:
 
 
 def folder_of(base: Path, package: Path | None = None) -> Path:
-    """The cache folder that ``base``'s ``compiled.py`` chooses for a package; nothing is compiled."""
-    spec = importlib.util.spec_from_file_location("copied", base / "kernels" / "compiled.py")
+    """The cache folder that ``base``'s ``jit.py`` chooses for a package; nothing is compiled."""
+    spec = importlib.util.spec_from_file_location("copied", base / "kernels" / "jit.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -128,7 +128,7 @@ def test_a_change_elsewhere_keeps_the_folder(copy: Path) -> None:
 
 def test_a_new_kernel_file_is_a_new_folder(copy: Path) -> None:
     before = folder_of(copy)
-    (copy / "more.py").write_text("from envs.kernels.compiled import compiled\n", encoding="utf-8")
+    (copy / "more.py").write_text("from envs.kernels.jit import compiled\n", encoding="utf-8")
     assert folder_of(copy) != before
 
 

@@ -15,11 +15,11 @@ from plugged import Write, modules
 from envs.domains.load import UserDomains, source
 from envs.errors import PluginError
 from envs.mdp.observation import bounds
-from envs.mdp.plug_ins import Step, View
+from envs.mdp.user_defined import Step, View
 from envs.mesh_env import MeshEnv
 from envs.types import MeshingParameters
 from envs.vector_env import MeshVectorEnv
-from envs.wrapped_env import WrappedVectorEnv, wrapped
+from envs.wrappers.wrapped_env import WrappedVectorEnv, wrapped
 
 STEPS = 300
 

@@ -16,11 +16,11 @@ from freemesh_ray import export
 from freemesh_ray.cli import command
 from freemesh_ray.cli.paper import TABLES
 from freemesh_ray.compare.comparison import compare
-from freemesh_ray.compare.meshers import OURS, RAW, Mesher
 from freemesh_ray.compare.mixed_mesh import PeerError, assembled
+from freemesh_ray.compare.named_meshers import OURS, RAW, Mesher
 from freemesh_ray.compare.stages import ALONE, SMOOTHED, stages
+from freemesh_ray.mesh_geometry.metrics import by_element
 from freemesh_ray.mesher import MeshingError, MeshResult, mesh_domain
-from freemesh_ray.meshes.metrics import by_element
 from freemesh_ray.paper_tables.density import density
 from freemesh_ray.paper_tables.front_shape import front_shape
 from freemesh_ray.paper_tables.generalisation import action_types, generalisation

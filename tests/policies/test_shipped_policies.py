@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from envs.domains.load import load
+from freemesh_ray.mesh_geometry.metrics import measure
 from freemesh_ray.mesher import MeshResult, mesh_domain
-from freemesh_ray.meshes.metrics import measure
 from freemesh_ray.policies.policy import SHIPPED, Policy
 
 #: Domains that none of them was trained on, from 12 to 360 boundary vertices, some with holes.

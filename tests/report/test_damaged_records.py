@@ -16,7 +16,7 @@ from freemesh_ray.cli import command as cli
 from freemesh_ray.config import ConfigError
 from freemesh_ray.report.results import read
 from freemesh_ray.studies import definition
-from freemesh_ray.studies.finished import finished
+from freemesh_ray.studies.completion_mark import finished
 from freemesh_ray.studies.study_folder import StudyError, StudyFolder
 from freemesh_ray.tracking.journal import Journal, State
 from freemesh_ray.training.run_folder import RunFolder

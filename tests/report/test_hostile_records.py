@@ -16,7 +16,7 @@ from recorded_study import algorithms
 from envs.errors import UserError
 from freemesh_ray import config
 from freemesh_ray.cli import command
-from freemesh_ray.report.report import write
+from freemesh_ray.report.one_study import write
 from freemesh_ray.studies.study_folder import StudyFolder
 from freemesh_ray.training.run_folder import RunError, RunFolder
 

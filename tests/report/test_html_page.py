@@ -21,8 +21,8 @@ from freemesh_ray.formatting.table import markdown
 from freemesh_ray.policies.evaluation import run_episodes
 from freemesh_ray.policies.policy import DEFAULT, Policy
 from freemesh_ray.report import html_page, mesh_picture
-from freemesh_ray.report.meshes import described
-from freemesh_ray.report.report import write
+from freemesh_ray.report.best_meshes import described
+from freemesh_ray.report.one_study import write
 from tests.recorded_study import algorithms
 
 HOSTILE = "<script>alert(1)</script> & <b> \"x\" 'y' [a](javascript:b) ![c](d) *e* `f` | g"

@@ -23,14 +23,14 @@ from freemesh_ray.policies.evaluation import COMPLETION, RETURN
 from freemesh_ray.report import pictures
 from freemesh_ray.report.against_paper import median_seed, paper_table
 from freemesh_ray.report.machine import machine, model
-from freemesh_ray.report.outcomes import Evidence, evidence, judged, judged_together
-from freemesh_ray.report.report import write
+from freemesh_ray.report.one_study import write
+from freemesh_ray.report.outcomes import Evidence, evidence, judged
+from freemesh_ray.report.ranked_draws import Ranked, nothing_completed, ranking
 from freemesh_ray.report.results import TrialResult, read
-from freemesh_ray.report.search import Ranked, nothing_completed, ranking
 from freemesh_ray.report.transfer import Transfer, transfer
 from freemesh_ray.report.variants import return_threshold, variant_results
+from freemesh_ray.statistics.aligned_curves import final_value
 from freemesh_ray.statistics.bootstrap import Interval
-from freemesh_ray.statistics.curves import final_value
 from freemesh_ray.statistics.permutation import p_value
 from freemesh_ray.statistics.verdict import Verdict
 from freemesh_ray.storage.atomic import OutputError
@@ -347,17 +347,6 @@ def test_ten_seeds_against_three_survive_a_correction_over_thirteen():
     assert judged([measured(few, ">", many)])[0].verdict is Verdict.REFUTED
     one_more = judged([measured(many, ">", few), *(14 * [other])])
     assert one_more[0].verdict is Verdict.SEPARATED
-
-
-def test_a_page_of_reports_is_corrected_over_all_of_them():
-    x, y = np.arange(3.0) + 5.0, np.arange(3.0)
-    reports = {"one": [measured(x, ">", y)], "two": [measured(x, ">", y), measured(y, ">", x)], "none": []}
-    assert judged(reports["one"])[0].verdict is Verdict.CONFIRMED
-    said = judged_together(reports)
-    assert {name: [str(outcome.verdict) for outcome in found] for name, found in said.items()} == {
-        "one": ["separated"], "two": ["separated", "separated against it"], "none": []
-    }  # fmt: skip
-    assert [outcome.evidence for outcome in said["two"]] == reports["two"]
 
 
 def test_equalities_count_only_for_what_refutes():

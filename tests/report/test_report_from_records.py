@@ -20,7 +20,7 @@ from freemesh_ray.cli import command
 from freemesh_ray.records import parquet_file
 from freemesh_ray.records.schema import FILE
 from freemesh_ray.records.study_records import RecordsError
-from freemesh_ray.report.report import write, write_results
+from freemesh_ray.report.one_study import write, write_results
 from freemesh_ray.report.results import from_records
 from tests.report.test_report import SQUARE, change, search
 

@@ -13,7 +13,7 @@ import yaml
 
 from envs.errors import BAD_INPUT
 from freemesh_ray.cli import command
-from freemesh_ray.report.report import write, write_results
+from freemesh_ray.report.one_study import write, write_results
 from freemesh_ray.report.several import together
 from freemesh_ray.report.sources import results_of
 from tests.recorded_study import algorithms, rows, saturating, write_run

@@ -12,7 +12,7 @@ import yaml
 
 from envs.errors import BAD_INPUT, FAILED
 from freemesh_ray.cli.command import main
-from freemesh_ray.report.report import write as write_report
+from freemesh_ray.report.one_study import write as write_report
 from freemesh_ray.report.site import write
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.studies.study_folder import StudyError

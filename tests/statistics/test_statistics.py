@@ -12,14 +12,14 @@ from hypothesis.extra.numpy import arrays
 from scipy.stats import binomtest, mannwhitneyu, sem, trim_mean
 from scipy.stats import t as student
 
-from freemesh_ray.statistics.bootstrap import interquartile_interval, seed_interval
-from freemesh_ray.statistics.curves import (
+from freemesh_ray.statistics.aligned_curves import (
     aligned,
     final_value,
     mean_and_deviation,
     mean_over_training,
     steps_to,
 )
+from freemesh_ray.statistics.bootstrap import interquartile_interval, seed_interval
 from freemesh_ray.statistics.improvement import improvement_interval, newcombe_variance, probability_of_improvement
 from freemesh_ray.statistics.interquartile import interquartile_mean, interquartile_mean_of_runs, weights
 from freemesh_ray.statistics.permutation import holm, p_value, two_sided

@@ -37,7 +37,7 @@ def umask(request: pytest.FixtureRequest) -> Iterator[int]:
 
 def test_files_and_folders_follow_the_umask(umask: int, tmp_path: Path) -> None:
     mesh = freemesh_ray.mesh(load("D4").points[:84])
-    mesh_files = [tmp_path / "made" / f"mesh{suffix}" for suffix in freemesh_ray.mesher.api.SUFFIXES]
+    mesh_files = [tmp_path / "made" / f"mesh{suffix}" for suffix in freemesh_ray.mesher.polygon_to_mesh.SUFFIXES]
     for path in mesh_files:
         mesh.write(path)
     state_file.save({"a": 1}, tmp_path / "made" / "state.npz")

@@ -11,7 +11,7 @@ from freemesh_ray.cli.study import _closing
 from freemesh_ray.policies.evaluation import COMPLETION, SCORE
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.studies.definition import load
-from freemesh_ray.studies.result import StudyResult, TrialResult, best_trial
+from freemesh_ray.studies.returned import StudyResult, TrialResult, best_trial
 from freemesh_ray.studies.study_folder import StudyFolder, TrialRecord
 
 

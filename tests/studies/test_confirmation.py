@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from freemesh_ray.report.ranked_draws import confirmation, ranking
 from freemesh_ray.report.results import Results, read
-from freemesh_ray.report.search import confirmation, ranking
 from freemesh_ray.studies.confirmation import chosen, confirmation_plan
 from freemesh_ray.studies.definition import Study, load
 from freemesh_ray.studies.study_folder import StudyFolder, TrialRecord

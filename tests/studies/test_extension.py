@@ -10,7 +10,7 @@ import pytest
 from freemesh_ray.cli.command import main
 from freemesh_ray.config import ConfigError
 from freemesh_ray.studies.definition import Study, load
-from freemesh_ray.studies.extension import extended
+from freemesh_ray.studies.permitted_changes import extended
 from freemesh_ray.studies.study_folder import StudyError, StudyFolder, TrialRecord
 
 VARIANTS = """study:

@@ -19,10 +19,10 @@ import pytest
 import yaml
 from process_tree import running
 
-from freemesh_ray.report.report import write
+from freemesh_ray.report.one_study import write
 from freemesh_ray.storage.lock import held
 from freemesh_ray.studies.study_folder import StudyFolder
-from freemesh_ray.tracking import store, sync
+from freemesh_ray.tracking import mlflow_store, sync
 
 pytestmark = pytest.mark.slow
 
@@ -159,7 +159,7 @@ def test_two_studies_at_once_train_what_both_need_once(tmp_path: Path, blank_dat
     assert [statuses(tmp_path, name) for name in ("first", "second")] == [{"usual-1": "finished"}] * 2
     assert evaluated(tmp_path, "first") == evaluated(tmp_path, "second") == [[200, 400, 600]]
     sync(tmp_path, f"sqlite:///{tmp_path / 'mlflow.db'}")
-    client = store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
+    client = mlflow_store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
     runs = client.search_runs([client.get_experiment_by_name("freemesh").experiment_id])
     names = {run.info.run_id: run.info.run_name for run in runs}
     above = [names[run.data.tags["mlflow.parentRunId"]] for run in runs if "mlflow.parentRunId" in run.data.tags]

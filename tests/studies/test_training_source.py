@@ -21,7 +21,7 @@ WITHOUT_PART = {
     "freemesh_ray.formatting": "writes tables",
     "freemesh_ray.local_ray": "starts Ray",
     "freemesh_ray.mesher": "makes the meshes at the end",
-    "freemesh_ray.meshes": "measures them",
+    "freemesh_ray.mesh_geometry": "measures them",
     "freemesh_ray.plots": "draws",
     "freemesh_ray.storage": "writes and reads files whole",
     "freemesh_ray.tracking": "tells MLflow",
@@ -49,11 +49,11 @@ def digests(root: Path) -> dict[str, str]:
         ("freemesh_ray/algorithms/sac_learner.py", "freemesh_ray/algorithms"),
         ("freemesh_ray/training/loop.py", "freemesh_ray/training"),
         ("freemesh_ray/policies/evaluation.py", "freemesh_ray/policies"),
-        ("freemesh_ray/report/report.py", None),
-        ("freemesh_ray/serving/server.py", None),
+        ("freemesh_ray/report/one_study.py", None),
+        ("freemesh_ray/serving/http_process.py", None),
         ("freemesh_ray/studies/runner.py", None),
         ("freemesh_ray/cli/study.py", None),
-        ("envs/window.py", None),
+        ("envs/rendering/window.py", None),
     ],
 )
 def test_a_changed_learner_is_another_source_and_a_changed_report_is_none(

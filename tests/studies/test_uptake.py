@@ -15,12 +15,12 @@ from freemesh_ray.config import dump
 from freemesh_ray.records import parquet_file
 from freemesh_ray.records.schema import FILE
 from freemesh_ray.records.study_records import RecordsError
-from freemesh_ray.report.report import write
+from freemesh_ray.report.one_study import write
 from freemesh_ray.studies import uptake
+from freemesh_ray.studies.completion_mark import FINISHED, finished
 from freemesh_ray.studies.definition import Study, load
-from freemesh_ray.studies.finished import FINISHED, finished
 from freemesh_ray.studies.plan import variant_plan
-from freemesh_ray.studies.result import TrialResult, best_trial
+from freemesh_ray.studies.returned import TrialResult, best_trial
 from freemesh_ray.studies.runner import folder_of, planned, records_of, take_up_recorded, without_policy
 from freemesh_ray.studies.study_folder import StudyFolder
 from freemesh_ray.studies.training_source import training_source

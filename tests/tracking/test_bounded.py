@@ -20,7 +20,7 @@ from freemesh_ray.tracking import TrackingError, bounded, sync
 from freemesh_ray.tracking.bounded import Bounded
 from freemesh_ray.tracking.killed_runs import fail_killed_runs
 from freemesh_ray.tracking.mlflow_run import MLflowRun
-from freemesh_ray.tracking.store import connect, mlflow_client
+from freemesh_ray.tracking.mlflow_store import connect, mlflow_client
 
 #: Bytes that are sent at a time, before packing, and how much the socket's buffers may take beside what is read.
 PIECE, BUFFERS = b" " * (1 << 20), 64 << 20

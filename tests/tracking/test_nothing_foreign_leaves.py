@@ -33,10 +33,10 @@ from freemesh_ray.tracking import MLflowRun, TrackingError, killed_runs, sync, u
 from freemesh_ray.tracking import mlflow_run as recording
 from freemesh_ray.tracking.events import Event
 from freemesh_ray.tracking.journal import CHUNK, JOURNAL_BYTES, LINE_BYTES, STATE_BYTES, entries
+from freemesh_ray.tracking.journal_folders import found
 from freemesh_ray.tracking.killed_runs import fail_killed_runs
-from freemesh_ray.tracking.registry import fingerprint
-from freemesh_ray.tracking.search import found
-from freemesh_ray.tracking.store import takes_artifacts
+from freemesh_ray.tracking.mlflow_store import takes_artifacts
+from freemesh_ray.tracking.model_registry import fingerprint
 
 #: Journals that are mutated, and how many are delivered at a time.
 COUNT, BATCH = int(os.environ.get("FREEMESH_FUZZ", "400")), 20

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from freemesh_ray.tracking import TrackingError, store
+from freemesh_ray.tracking import TrackingError, mlflow_store
 
 
 class Client:
@@ -32,7 +32,7 @@ class Client:
 @pytest.fixture(autouse=True)
 def mlflow(monkeypatch: pytest.MonkeyPatch) -> type[Client]:
     Client.made = []
-    monkeypatch.setattr(store, "mlflow_client", lambda: Client)
+    monkeypatch.setattr(mlflow_store, "mlflow_client", lambda: Client)
     return Client
 
 
@@ -44,7 +44,7 @@ def test_a_new_store_is_made_where_nobody_else_may_enter(mlflow: type[Client], t
         home.mkdir()
         for planted in (".mlflow.db.draft", ".mlflow.db.draft-journal"):
             (home / planted).symlink_to(victim)
-        store.connect(f"sqlite:///{home / 'mlflow.db'}")
+        mlflow_store.connect(f"sqlite:///{home / 'mlflow.db'}")
         assert (home / "mlflow.db").read_text() == "tables"
         assert victim.read_text() == "precious"
         left = {path.name for path in home.iterdir() if not path.is_symlink()}
@@ -61,24 +61,24 @@ def test_no_planted_link_is_the_lock(tmp_path: Path) -> None:
     for target in (victim, tmp_path / "none"):
         lock.symlink_to(target)
         with pytest.raises(TrackingError, match=r"mlflow\.db\.lock: is no file of its own \(.*\): remove it"):
-            store.connect(f"sqlite:///{place}")
+            mlflow_store.connect(f"sqlite:///{place}")
         lock.unlink()
     assert victim.read_text() == "precious"
     assert os.listdir(tmp_path) == ["victim"]
     os.link(victim, lock)  # a second name: it is not written to
-    store.connect(f"sqlite:///{place}")
+    mlflow_store.connect(f"sqlite:///{place}")
     assert victim.read_text() == "precious"
 
 
 def test_a_pipe_in_its_place_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "mlflow.db.lock")
-    store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
+    mlflow_store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
 
 
 def test_who_holds_the_lock_for_ever_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store, "OPENING_SECONDS", 0.1)
+    monkeypatch.setattr(mlflow_store, "OPENING_SECONDS", 0.1)
     with (tmp_path / "mlflow.db.lock").open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         with pytest.raises(TrackingError, match=r"mlflow\.db\.lock: another process holds it: end that"):
-            store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
-    store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
+            mlflow_store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")
+    mlflow_store.connect(f"sqlite:///{tmp_path / 'mlflow.db'}")

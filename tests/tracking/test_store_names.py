@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from freemesh_ray.cli import command
-from freemesh_ray.tracking import MLflowRun, TrackingError, browsing, store, sync
+from freemesh_ray.tracking import MLflowRun, TrackingError, browsing, mlflow_store, sync
 
 ODD = "a?b=c&d%20e#f g'h ü"
 REFUSING = "http://127.0.0.1:9"
@@ -46,7 +46,7 @@ def test_a_new_store_is_made_where_its_name_says(tmp_path: Path) -> None:
     assert list((tmp_path / "homes").iterdir()) == [home]
     line = shlex.split(browsing(f"sqlite:///{home / 'mlflow.db'}")[0])
     assert line[1:3] == ["ui", "--backend-store-uri"]
-    (found,) = store.mlflow_client()(line[3]).search_experiments(filter_string="name = 'test'")
+    (found,) = mlflow_store.mlflow_client()(line[3]).search_experiments(filter_string="name = 'test'")
     assert found.artifact_location == (home / "mlartifacts").as_uri()
 
 
@@ -85,7 +85,7 @@ def test_a_deleted_experiment_is_told_to_be_restored(
 ) -> None:
     shutil.copy(blank_database, tmp_path / "mlflow.db")
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    client = store.connect(uri)
+    client = mlflow_store.connect(uri)
     key = client.create_experiment("test")
     client.delete_experiment(key)
     with caplog.at_level(logging.WARNING):
@@ -104,11 +104,11 @@ def test_an_experiment_that_another_process_makes_at_the_same_moment_is_used(
 ) -> None:
     shutil.copy(blank_database, tmp_path / "mlflow.db")
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    client, found = store.connect(uri), [None]
+    client, found = mlflow_store.connect(uri), [None]
     key = client.create_experiment("test")
     look = client.get_experiment_by_name
     monkeypatch.setattr(client, "get_experiment_by_name", lambda name: found.pop() if found else look(name))
-    assert store.experiment_id(client, uri, "test") == key
+    assert mlflow_store.experiment_id(client, uri, "test") == key
     assert found == []
 
 
@@ -121,7 +121,7 @@ def test_an_experiment_that_another_process_makes_at_the_same_moment_is_used(
     ],
 )
 def test_what_helps_is_told_by_what_is_wrong(said: str, fix: str) -> None:
-    assert fix in str(store.failure("http://host", OSError(said)))
+    assert fix in str(mlflow_store.failure("http://host", OSError(said)))
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ from browser import CHROMIUM, Browser
 from mlflow_page import close_assistant, keep
 from processes import Server
 
-from freemesh_ray.api.summary import told
+from freemesh_ray.api.study_description import told
 from freemesh_ray.policies.evaluation import RETURN
+from freemesh_ray.report.overview import summary
 from freemesh_ray.report.results import read
-from freemesh_ray.report.summary import summary
-from freemesh_ray.tracking import MLflowRun, browsing, store
+from freemesh_ray.tracking import MLflowRun, browsing, mlflow_store
 from tests.recorded_study import ALGORITHMS, SEEDS, algorithms
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")]
@@ -101,7 +101,7 @@ def test_further_down_are_the_trainings_and_no_constants(
 def test_a_comparison_opens_on_no_constant(
     names: list[str], metric: str, served_store: Server, run: MLflowRun, browser: Browser, tmp_path: Path
 ) -> None:
-    client, experiment = store.connect(served_store.url), str(run.page).split("/")[2]
+    client, experiment = mlflow_store.connect(served_store.url), str(run.page).split("/")[2]
     found = {each.info.run_name: each.info.run_id for each in client.search_runs([experiment])}
     runs, experiments = quote(json.dumps([found[name] for name in names])), quote(json.dumps([experiment]))
     browser.open(f"{served_store.url}/#/compare-runs?runs={runs}&experiments={experiments}")

@@ -20,7 +20,7 @@ import pytest
 from checkout import ROOT
 
 from freemesh_ray.config import flatten, load
-from freemesh_ray.tracking import MLflowRun, TrackingError, absolute, page, share, store, sync
+from freemesh_ray.tracking import MLflowRun, TrackingError, absolute, mlflow_store, page, share, sync
 from freemesh_ray.tracking import mlflow_run as recording
 from freemesh_ray.tracking.journal import Journal
 from freemesh_ray.tracking.provenance import provenance
@@ -49,7 +49,7 @@ def started(folder: Path, uri: str, **changes: Any) -> MLflowRun:
 
 
 def client(uri: str) -> Any:
-    return store.mlflow_client()(uri)
+    return mlflow_store.mlflow_client()(uri)
 
 
 def runs(uri: str) -> list[Any]:
@@ -380,7 +380,7 @@ def test_who_is_interrupted_does_not_wait_for_a_store_that_hangs(
 
 
 def test_a_store_that_comes_back_gets_everything(tmp_path: Path, uri: str, monkeypatch: pytest.MonkeyPatch):
-    real, away = store.mlflow_client, threading.Event()
+    real, away = mlflow_store.mlflow_client, threading.Event()
     away.set()
 
     def sometimes() -> Any:
@@ -388,7 +388,7 @@ def test_a_store_that_comes_back_gets_everything(tmp_path: Path, uri: str, monke
             raise ConnectionError("away")
         return real()
 
-    monkeypatch.setattr(store, "mlflow_client", sometimes)
+    monkeypatch.setattr(mlflow_store, "mlflow_client", sometimes)
     monkeypatch.setattr(recording, "BATCH_SECONDS", 0.1)
     with started(tmp_path / "run", uri) as run:
         run.metrics({"loss": 1.0}, 1)

@@ -13,7 +13,7 @@ import pytest
 from processes import ROOT, Server
 
 from freemesh_ray.policies.policy import DEFAULT
-from freemesh_ray.tracking import MLflowRun, store, sync
+from freemesh_ray.tracking import MLflowRun, mlflow_store, sync
 
 pytestmark = pytest.mark.slow
 
@@ -101,7 +101,7 @@ def story(served_store: Server, tmp_path_factory: pytest.TempPathFactory) -> Sto
     finally:
         for trial in trials:
             trial.kill()
-    client = store.connect(served_store.url)
+    client = mlflow_store.connect(served_store.url)
     before = runs(client)
     delivered = sync(folder, served_store.url), sync(folder, served_store.url)
     return Story(client, before, runs(client), delivered, slowest)

@@ -14,7 +14,7 @@ import yaml
 from processes import ROOT
 
 from freemesh_ray.cli.command import main
-from freemesh_ray.tracking import store, sync
+from freemesh_ray.tracking import mlflow_store, sync
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +52,7 @@ def studies(blank_database: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 
 @pytest.fixture
 def client(studies: Path) -> Any:
-    return store.connect(f"sqlite:///{studies / 'mlflow.db'}")
+    return mlflow_store.connect(f"sqlite:///{studies / 'mlflow.db'}")
 
 
 def test_all_that_was_to_be_told_is_in_the_store(studies: Path, client: Any):
@@ -85,7 +85,7 @@ def test_a_study_is_delivered_with_its_trials(
     shutil.copy(blank_database, tmp_path / "other.db")
     monkeypatch.setenv("FREEMESH_HOME", str(copy))
     assert main(["sync", "studies/first", "--uri", f"sqlite:///{tmp_path / 'other.db'}"]) == 0
-    other = store.connect(f"sqlite:///{tmp_path / 'other.db'}")
+    other = mlflow_store.connect(f"sqlite:///{tmp_path / 'other.db'}")
     runs = other.search_runs([other.get_experiment_by_name("freemesh").experiment_id])
     assert {"first", "small-1", "usual-1"} <= {run.info.run_name for run in runs}
 

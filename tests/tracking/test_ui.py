@@ -13,7 +13,7 @@ from browser import CHROMIUM, Browser
 from mlflow_page import close_assistant, keep
 from processes import Server
 
-from freemesh_ray.tracking import MLflowRun, store
+from freemesh_ray.tracking import MLflowRun, mlflow_store
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")]
 
@@ -50,7 +50,7 @@ def study(served_store: Server, tmp_path_factory: pytest.TempPathFactory) -> str
             with MLflowRun(folder / name, name=name, params=params, tags=tags, parent=parent.id, **here) as trial:
                 for step in STEPS:
                     trial.metrics({METRIC: value(name, step), "train/critic_loss": 1 / (1 + step)}, step)
-    return store.connect(served_store.url).get_experiment_by_name("compared").experiment_id
+    return mlflow_store.connect(served_store.url).get_experiment_by_name("compared").experiment_id
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_the_curves_lie_over_each_other_by_env_steps(
         browser.open(f"{served_store.url}/#/experiments/{study}/runs?compareRunsMode=CHART")
         expand(browser)
     else:
-        client = store.connect(served_store.url)
+        client = mlflow_store.connect(served_store.url)
         found = {run.info.run_name: run.info.run_id for run in client.search_runs([study])}
         asked = {
             "runs": [found[name] for name in NAMES], "metric": METRIC, "experiments": [study],

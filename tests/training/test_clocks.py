@@ -27,8 +27,8 @@ from freemesh_ray.tracking.journal import Journal, State, latest
 from freemesh_ray.tracking.killed_runs import fail_killed_runs
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Status
 from freemesh_ray.training.progress_line import ProgressLine
+from freemesh_ray.training.status import Status
 
 HOUR, DAY = 3600.0, 86_400.0
 
@@ -194,7 +194,7 @@ def test_the_machine_s_clock_set_back_and_forth_changes_nothing(
     assert 0 < trained.progress.seconds < took
     assert all(0 <= status.seconds_left <= 10 * took for status in statuses)
 
-    from freemesh_ray.tracking.store import connect
+    from freemesh_ray.tracking.mlflow_store import connect
 
     client = connect(settings["tracking"]["uri"])
     (run,) = client.search_runs([client.get_experiment_by_name(settings["tracking"]["experiment"]).experiment_id])

@@ -28,9 +28,9 @@ from freemesh_ray.local_ray import local_ray
 from freemesh_ray.storage.atomic import OutputError
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Status
 from freemesh_ray.training.run import Run
 from freemesh_ray.training.run_folder import TrainingError
+from freemesh_ray.training.status import Status
 
 pytestmark = pytest.mark.slow
 

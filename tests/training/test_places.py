@@ -22,10 +22,10 @@ from test_training import Fake, rows, run
 from told import told
 
 from envs.errors import UserError
-from envs.kernels.compiled import cache_folder
+from envs.kernels.jit import cache_folder
 from freemesh_ray.training import checkpoint, loop
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Status
+from freemesh_ray.training.status import Status
 
 
 def at_steps(steps: int, act: Callable[[], Any]) -> Callable[[Status], None]:

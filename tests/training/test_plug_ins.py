@@ -17,7 +17,7 @@ from plugged import Write, modules
 
 from envs.domains.load import load
 from envs.errors import PluginError
-from envs.plug_in import NONE
+from envs.plug_ins.environment_parts import NONE
 from freemesh_ray import config
 from freemesh_ray.algorithms.build import build
 from freemesh_ray.algorithms.env_runner import Failure

@@ -14,14 +14,15 @@ from told import told
 
 from freemesh_ray.algorithms.env_runner import Episode
 from freemesh_ray.cli.train import COLUMNS, train_table
-from freemesh_ray.meshes.metrics import measure
+from freemesh_ray.mesh_geometry.metrics import measure
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import progress_line
 from freemesh_ray.training.callback import Callbacks
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Status, Training
+from freemesh_ray.training.loop import Training
 from freemesh_ray.training.progress_line import ProgressLine
 from freemesh_ray.training.run_folder import RunFolder
+from freemesh_ray.training.status import Status
 
 
 class Recorder(MLflowRun):

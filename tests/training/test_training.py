@@ -22,8 +22,9 @@ from freemesh_ray.policies.policy import Policy
 from freemesh_ray.tracking import MLflowRun
 from freemesh_ray.training import checkpoint
 from freemesh_ray.training.job import train
-from freemesh_ray.training.loop import Progress, Status, Training
+from freemesh_ray.training.loop import Training
 from freemesh_ray.training.run_folder import RunError, RunFolder, TrainingError
+from freemesh_ray.training.status import Progress, Status
 
 
 class Fake:

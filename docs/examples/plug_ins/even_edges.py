@@ -6,7 +6,7 @@ env:
 
 import numpy as np
 
-from envs.mdp.plug_ins import Step
+from envs.mdp.user_defined import Step
 
 
 def reward(step: Step) -> float:

@@ -7,7 +7,7 @@ env:
 import numpy as np
 
 from envs.mdp.observation import bounds
-from envs.mdp.plug_ins import View
+from envs.mdp.user_defined import View
 from envs.types import MeshingParameters
 
 

@@ -17,7 +17,7 @@ import shapely
 
 from envs.domains import outline_families
 from envs.polygons import outline
-from envs.polygons.domain import from_rings
+from envs.polygons.validation import from_rings
 from envs.types import Floats
 
 FOLDER = Path(__file__).parent

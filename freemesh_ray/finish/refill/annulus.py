@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import math
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from freemesh_ray.finish.halfedges import Halfedges
-from freemesh_ray.finish.refill.filling import (
+from freemesh_ray.finish.refill.growth import LOOP, OUTER, SIZE, WORK, Growth
+from freemesh_ray.finish.refill.options import RINGS, in_order, keep
+from freemesh_ray.finish.refill.patterns import FEWEST, MOST_ELEMENTS, MOST_OF_DOMAIN, ROWS, ROWS_OF_DOMAIN, Patterns
+from freemesh_ray.finish.refill.ring_filling import (
     CORNER_COUNT,
     HOLE,
     LENGTH,
@@ -25,9 +28,6 @@ from freemesh_ray.finish.refill.filling import (
     row,
     rows_fit,
 )
-from freemesh_ray.finish.refill.growth import LOOP, OUTER, SIZE, WORK, Growth
-from freemesh_ray.finish.refill.options import RINGS, in_order, keep
-from freemesh_ray.finish.refill.patterns import FEWEST, MOST_ELEMENTS, MOST_OF_DOMAIN, ROWS, ROWS_OF_DOMAIN, Patterns
 
 #: Options that are kept.
 KEPT = 4

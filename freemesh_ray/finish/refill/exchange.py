@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inner
+from envs.kernels.jit import inner
 from envs.types import Ints
 from freemesh_ray.finish import halfedges
 from freemesh_ray.finish.halfedges import NONE, Halfedges, after, around, before, origin
-from freemesh_ray.finish.refill import filling as fill
-from freemesh_ray.finish.refill.filling import Filling
+from freemesh_ray.finish.refill import ring_filling as fill
 from freemesh_ray.finish.refill.growth import LOOP, SIZE, Growth, following, new_mark, shrink
+from freemesh_ray.finish.refill.ring_filling import Filling
 
 
 class Exchange(NamedTuple):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.types import Ints
 from freemesh_ray.finish.halfedges import MOST_GIVEN, NONE, PINNED, Halfedges, after, around, origin
 

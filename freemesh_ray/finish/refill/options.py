@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from envs.kernels.compiled import inner
+from envs.kernels.jit import inner
 from envs.types import Floats
 
 RECTANGLE, STAR, CUT, RINGS = range(4)

@@ -12,22 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.types import Floats
 from freemesh_ray.finish.changes import boundary_cost
 from freemesh_ray.finish.halfedges import Halfedges
-from freemesh_ray.finish.refill.filling import (
-    CORNER_COUNT,
-    CORNERED,
-    FLAT_FIRST,
-    FLAT_SECOND,
-    LENGTH,
-    Filling,
-    begin,
-    row,
-    rows_fit,
-    spokes_of,
-)
 from freemesh_ray.finish.refill.growth import LOOP, REFLEX, SIZE, WORK, Growth, new_mark, outside, target
 from freemesh_ray.finish.refill.options import (
     COLUMNS,
@@ -41,6 +29,18 @@ from freemesh_ray.finish.refill.options import (
     WORTH,
     in_order,
     keep,
+)
+from freemesh_ray.finish.refill.ring_filling import (
+    CORNER_COUNT,
+    CORNERED,
+    FLAT_FIRST,
+    FLAT_SECOND,
+    LENGTH,
+    Filling,
+    begin,
+    row,
+    rows_fit,
+    spokes_of,
 )
 
 #: Options of each kind that are kept: rectangles for each number of rows, stars, cuts.

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inner_fused
+from envs.kernels.jit import inner_fused
 from envs.types import Floats
-from freemesh_ray.finish.refill.filling import QUADS, VERTICES, Filling
+from freemesh_ray.finish.refill.ring_filling import QUADS, VERTICES, Filling
 
 #: The residual's energy at the end, over that at the start.
 PRECISION = 1e-4

@@ -9,15 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.mdp.size_field import SizeField
 from envs.quality import eta_or_bent
 from envs.types import Floats, Ints
 from freemesh_ray.finish.halfedges import Halfedges, around
 from freemesh_ray.finish.optimiser import Descent, cost_of, descend, descent
-from freemesh_ray.finish.refill import filling as fill
-from freemesh_ray.finish.refill.filling import Filling
+from freemesh_ray.finish.refill import ring_filling as fill
 from freemesh_ray.finish.refill.growth import LOOP, SIZE, WORK, Growth
+from freemesh_ray.finish.refill.ring_filling import Filling
 
 #: Rings of elements around a patch.
 RINGS = 2

@@ -7,26 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kernels.compiled import inlined, inner
+from envs.kernels.jit import inlined, inner
 from envs.mdp.size_field import SizeField
 from envs.types import Floats, Ints
 from freemesh_ray.finish.cleanup import FLOOR
 from freemesh_ray.finish.halfedges import Halfedges
 from freemesh_ray.finish.optimiser import cost_of
-from freemesh_ray.finish.refill import filling as fill
 from freemesh_ray.finish.refill import options
+from freemesh_ray.finish.refill import ring_filling as fill
 from freemesh_ray.finish.refill.annulus import list_rings, rings
 from freemesh_ray.finish.refill.exchange import Exchange, exchange_of, link, make_way
-from freemesh_ray.finish.refill.filling import (
-    Filling,
-    begin,
-    cut,
-    edge_length,
-    filling_of,
-    rectangle,
-    row,
-    toggled_star,
-)
 from freemesh_ray.finish.refill.growth import LOOP, OUTER, SIZE, WORK, Growth, growth_of
 from freemesh_ray.finish.refill.patterns import Patterns, assess, list_patterns, patterns_of
 from freemesh_ray.finish.refill.placement import Placement, place, placement_of
@@ -41,6 +31,16 @@ from freemesh_ray.finish.refill.region import (
     region_of,
     settle,
     surround,
+)
+from freemesh_ray.finish.refill.ring_filling import (
+    Filling,
+    begin,
+    cut,
+    edge_length,
+    filling_of,
+    rectangle,
+    row,
+    toggled_star,
 )
 
 #: Options that get places, and those of them that are settled, at most; of the whole domain; of a large one the first

@@ -14,7 +14,7 @@ import shapely
 
 import envs
 from envs.domains.load import from_object, load
-from envs.polygons.domain import from_polygon
+from envs.polygons.validation import from_polygon
 from envs.types import DomainError
 
 FOLDER = Path(envs.__file__).parent

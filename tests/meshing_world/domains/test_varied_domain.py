@@ -8,7 +8,7 @@ import shapely
 
 from envs.domains.load import VariedDomains, load, source
 from envs.domains.varied_domain import ATTEMPTS, ELEMENTS, FEWEST, MOST, SHAPES, SHARES, rectangle, varied_domain
-from envs.polygons.mesh_size import expected_in_domain
+from envs.polygons.element_count import expected_in_domain
 from envs.types import Domain, DomainError
 
 SAMPLE = range(0, 300, 3)

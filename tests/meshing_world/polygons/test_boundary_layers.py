@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from envs.mesh import Mesh, edges_of
 from envs.polygons.boundary_layers import Layers, boundary_layers
-from envs.polygons.domain import from_rings
 from envs.polygons.layer_ends import Stretch
 from envs.polygons.layer_loops import Rows
 from envs.polygons.layer_room import SLOPE, smoothed
+from envs.polygons.validation import from_rings
 from envs.types import DomainError, Floats
 
 Side = Callable[[Floats, Floats], np.ndarray]

@@ -8,12 +8,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.drawing import Line
 from envs.mesh import CurvedEdges
 from envs.polygons import curves
 from envs.polygons.curved_edges import curved_edges, on_curves
-from envs.polygons.domain import domains_of
+from envs.polygons.drawing import Line
 from envs.polygons.exact_curves import CircleArc, EllipseArc
+from envs.polygons.validation import domains_of
 
 FULL = 2.0 * np.pi
 

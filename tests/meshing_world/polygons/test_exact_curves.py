@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly, BSpline, CubicSpline
 
-from envs.drawing import Curve
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve, Rational, arc_between
+from envs.types import Curve
 
 FULL = 2.0 * np.pi
 

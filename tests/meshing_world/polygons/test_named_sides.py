@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envs.domains.load import object_geometry
-from envs.drawing import Drawing, Line
+from envs.polygons.drawing import Drawing, Line
 from envs.types import DomainError, Floats
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -15,7 +15,7 @@ import pytest
 import shapely
 
 from envs.domains.load import load, load_all
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.readers import geo, geo_gmsh, gmsh_program
 from envs.readers.geo_gmsh import safe_script

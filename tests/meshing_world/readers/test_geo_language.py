@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envs.domains.load import load, load_all
-from envs.drawing import Reading
+from envs.polygons.drawing import Reading
 from envs.readers import geo, geo_gmsh, geo_model, geo_words
 from envs.readers.geo_script import Script
 from envs.types import DomainError

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.readers.geo import drawing_of_file, sizes_of_file
 

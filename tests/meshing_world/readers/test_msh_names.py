@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from envs.domains.load import load_all
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.readers import geo_gmsh
 from envs.readers.msh import chained, drawing_of_file
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from envs.domains.load import from_object, load, load_all, own_sizes, wanted_sizes
 from envs.errors import UserError
 from envs.readers.size_expression import FUNCTIONS
-from envs.readers.sizes import size_of
+from envs.readers.size_input import size_of
 from envs.types import Domain, Floats
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.readers import json_text, plain_text, table, wkt
 from envs.readers.geojson import drawing_of_geojson
 from envs.types import DomainError

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import shapely
 
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.readers import geo_gmsh, step
 from envs.types import DomainError

@@ -12,7 +12,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.drawing import Drawing, Reading
+from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.exact_curves import CircleArc, EllipseArc, ParametricCurve
 from envs.readers import svg
 from envs.types import DomainError
