@@ -13,7 +13,6 @@ from ray.exceptions import RayError
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest
 from freemesh_ray.serving.lanes import COSTLY, LANES, QUICK
-from freemesh_ray.serving.lanes import seconds as lane_seconds
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.mesher_actor import Mesher
 from freemesh_ray.serving.queue import Busy, Queue
@@ -120,7 +119,7 @@ class MesherPool:
         lost = asyncio.ensure_future(mesher.lost.wait())
         try:
             done, _ = await asyncio.wait(
-                {asked, lost}, timeout=lane_seconds(lane, self._limits) + SLACK, return_when=asyncio.FIRST_COMPLETED
+                {asked, lost}, timeout=self._limits.seconds + SLACK, return_when=asyncio.FIRST_COMPLETED
             )
             if asked not in done:
                 raise MesherLost

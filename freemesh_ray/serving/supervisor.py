@@ -14,7 +14,6 @@ from multiprocessing.connection import Connection
 
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
-from freemesh_ray.serving.lanes import QUICK, seconds
 from freemesh_ray.serving.limits import Limits
 
 #: Workers that may die over one request before it is given up: one may have been killed by somebody else.
@@ -92,7 +91,7 @@ class Supervisor:
                 self._newest()
                 assert self._connection is not None
                 self._connection.send(request)
-                if self._connection.poll(seconds(self._lane, self._limits) + SLACK):
+                if self._connection.poll(self._limits.seconds + SLACK):
                     return self._connection.recv()
                 self.stop()
                 continue
@@ -103,9 +102,9 @@ class Supervisor:
             except (EOFError, OSError):
                 self.stop()
                 continue
+            if self._last_status == -signal.SIGPROF:  # only in the quick lane (see `worker.limit_time`)
+                return None
             if self._last_status == -signal.SIGALRM:
-                if self._lane == QUICK and self._limits.quick_seconds < self._limits.seconds:
-                    return None
                 return refusal(
                     HTTPStatus.GATEWAY_TIMEOUT,
                     f"not meshed within {self._limits.seconds:g} s; use a larger edge_length, a simpler polygon or "

@@ -28,7 +28,7 @@ from envs.domains.load import load
 from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, answer, refusal
-from freemesh_ray.serving.lanes import NICENESS, seconds
+from freemesh_ray.serving.lanes import NICENESS, QUICK
 from freemesh_ray.serving.limits import Limits
 
 #: Meshed before the first request, so that everything is compiled.
@@ -78,6 +78,7 @@ def fork(control: socket.socket, ended: int, policies: Mapping[str, Policy], lim
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
         control.close()
         mine.close()
         serve(theirs, policies, limits, lane)
@@ -106,9 +107,9 @@ def serve(connection: Connection, policies: Mapping[str, Policy], limits: Limits
     """Answer requests until the other end is closed."""
     while True:
         request = connection.recv()
-        signal.setitimer(signal.ITIMER_REAL, seconds(lane, limits))
+        limit_time(limits.seconds, limits.quick_seconds if lane == QUICK else 0.0)
         sent = safe(request, policies, limits, lane)
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        limit_time(0.0, 0.0)
         connection.send(sent)
 
 
@@ -125,6 +126,19 @@ def safe(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits, l
     except Exception:
         traceback.print_exc()
         return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "the mesher failed; the server's log says how")
+
+
+def limit_time(wall: float, processor: float) -> None:
+    """Have the system end this process when its time is up; 0: there is no limit any more.
+
+    A quick request's limit is processor time: where the machine is busy it takes longer, and is no costlier.
+
+    Args:
+        wall: seconds, after which it ends by SIGALRM.
+        processor: seconds that it has a core for, all of its threads together, after which it ends by SIGPROF.
+    """
+    signal.setitimer(signal.ITIMER_REAL, wall)
+    signal.setitimer(signal.ITIMER_PROF, processor)
 
 
 def limit_memory(more: int) -> None:

@@ -111,8 +111,15 @@ def test_what_is_too_costly_for_the_quick_lane() -> None:
         assert (answer.status, worker(one)) == (200, before)
 
 
+def test_no_request_waits_for_longer_than_its_time_in_the_quick_lane() -> None:
+    with supervisor(QUICK, quick_expected=1e9, quick_seconds=60.0, seconds=0.3) as one:
+        refused = one.answer(LARGE)
+        assert refused is not None
+        assert refused.status == 504
+
+
 def test_what_takes_too_long_for_the_quick_lane() -> None:
-    with supervisor(QUICK, quick_elements=10**9, quick_seconds=0.2) as one:
+    with supervisor(QUICK, quick_expected=1e9, quick_seconds=0.2) as one:
         assert one.answer(LARGE) is None
 
 
