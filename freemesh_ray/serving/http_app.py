@@ -52,6 +52,7 @@ def asgi_app(
     token: bytes | None,
     counters: Counters,
     hosts: Sequence[str] = (),
+    pages: Sequence[str] = (),
 ) -> ASGIApp:
     """The ASGI application.
 
@@ -63,6 +64,7 @@ def asgi_app(
         token: digest of the bearer token that all paths but ``/health`` ask for; None: none is asked for.
         counters: where requests are counted.
         hosts: names that the server goes by beside those of this machine.
+        pages: further ones, whose pages may use it.
     """
     endpoints = _Endpoints(mesh, able, densities, limits, counters)
     routes = [
@@ -76,7 +78,7 @@ def asgi_app(
     )
     application.router.redirect_slashes = False
     guarded = application if token is None else _Guarded(application, token)
-    return _Counted(_OneLength(KnownHosts(guarded, hosts)), counters)
+    return _Counted(_OneLength(KnownHosts(guarded, hosts, pages)), counters)
 
 
 class _Endpoints:
