@@ -19,7 +19,7 @@ from envs.polygons.sizing import CURVATURE
 from envs.readers.sizes import size_of
 from envs.types import NO_WISHES, Domain, Floats, WantedSizes
 from freemesh_ray import export, plots
-from freemesh_ray.mesher import MeshResult, mesh_domain
+from freemesh_ray.mesher import MeshResult, check_memory, mesh_domain
 from freemesh_ray.meshes import swept
 from freemesh_ray.meshes.assembly import Part, assembled
 from freemesh_ray.meshes.metrics import measure
@@ -254,7 +254,7 @@ def mesh(
         own = own_sizes(polygon)
     split: dict[str, Any] = {
         "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "curvature": curvature,
-        "size": own if said is None else said, "allow_large": allow_large, "mirror": mirror,
+        "size": own if said is None else said, "allow_large": allow_large, "mirror": mirror, "room": check_memory,
     }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
         geometry = load_geometry(polygon, layers=tuple(layers), join=join, **split)

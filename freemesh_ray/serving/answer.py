@@ -117,7 +117,7 @@ def region_of(request: MeshRequest, limits: Limits) -> Region:
     """The one polygon in a request's body, its boundary split, with the names of its sides.
 
     Raises:
-        Refused: no JSON object, or too many vertices.
+        Refused: no JSON object, or too many vertices or elements.
         DomainError: no polygon, several, or one that cannot be meshed.
     """
     wanted = request.parameters
@@ -127,7 +127,7 @@ def region_of(request: MeshRequest, limits: Limits) -> Region:
     check_vertices(least_vertices(polygons[0], wanted.edge_length), limits)
     (region,) = geometry_of(
         Drawing(polygons), NAME, NAME, fix_parity=wanted.fix_parity, edge_length=wanted.edge_length,
-        grading=wanted.grading, allow_large=True,
+        grading=wanted.grading, allow_large=True, room=lambda expected, _: check_elements(expected, limits),
     ).regions  # fmt: skip
     check_vertices(len(region.domain.ring), limits)
     return region

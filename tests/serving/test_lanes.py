@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from traced_memory import little_memory
 
 import freemesh_ray
 from freemesh_ray.finish.refill import EFFORTS
@@ -46,6 +47,17 @@ def test_the_lane_goes_by_the_time_that_is_expected(elements: int, query: dict[s
     assert (made is not None) == quick
     if made is not None:
         assert made.status == 200
+
+
+@pytest.mark.parametrize(("edge_length", "words"), [(0.0004, "at most 500,000"), (1e-9, "at most 10,000")])
+def test_a_mesh_too_large_is_refused_before_its_boundary_is_split(edge_length: float, words: str) -> None:
+    square = b'{"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 1]]]}'
+    request = MeshRequest(square, Parameters("even", edge_length=edge_length))
+    answer(request, {}, Limits(elements=1), COSTLY)
+    with little_memory(100_000):
+        made = answer(request, {}, Limits(), QUICK)
+    assert made is not None
+    assert (made.status, words in made.body.decode()) == (413, True)
 
 
 def test_more_is_expected_to_take_longer() -> None:
