@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import os
 import select
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from http import HTTPStatus
 from multiprocessing.connection import Connection
+from pathlib import Path
 
+from freemesh_ray.local_ray.variables import FOLDER
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
+from freemesh_ray.serving.awake import LOOK, Awake
 from freemesh_ray.serving.limits import Limits
 
 #: Workers that may die over one request before it is given up: one may have been killed by somebody else.
@@ -46,6 +51,7 @@ class Supervisor:
         self._control: socket.socket | None = None
         self._connection: Connection | None = None
         self._last_status = 0
+        self._folder: Path | None = None
 
     def start(self) -> None:
         """Start the processes, if there are none, and wait until kernels are compiled.
@@ -56,6 +62,7 @@ class Supervisor:
         if self.alive():
             return
         self.stop()
+        self._folder = Path(tempfile.mkdtemp(prefix="worker-", dir=os.environ.get(FOLDER)))
         self._control, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
@@ -67,7 +74,7 @@ class Supervisor:
             )
         try:
             with Connection(os.dup(self._control.fileno())) as once:
-                once.send((self._policies, self._limits, self._lane))
+                once.send((self._policies, self._limits, self._lane, self._folder))
             self._next()
         except (EOFError, OSError):
             raise WorkerError(f"a worker process ended with {self._process.wait()} before it was ready") from None
@@ -85,14 +92,16 @@ class Supervisor:
         Raises:
             WorkerError: no worker can be started.
         """
-        for _ in range(TRIES):
+        for left in reversed(range(TRIES)):
             self.start()
+            clock = Awake()
             try:
                 self._newest()
                 assert self._connection is not None
                 self._connection.send(request)
-                if self._connection.poll(self._limits.seconds + SLACK):
-                    return self._connection.recv()
+                while clock.seconds() < self._limits.seconds + SLACK:
+                    if self._connection.poll(LOOK):
+                        return self._connection.recv()
                 self.stop()
                 continue
             except (EOFError, OSError):
@@ -105,6 +114,9 @@ class Supervisor:
             if self._last_status == -signal.SIGPROF:  # only in the quick lane (see `worker.limit_time`)
                 return None
             if self._last_status == -signal.SIGALRM:
+                clock.seconds()
+                if clock.asleep and left:  # the worker was asleep, too, and its alarm went on
+                    continue
                 return refusal(
                     HTTPStatus.GATEWAY_TIMEOUT,
                     f"not meshed within {self._limits.seconds:g} s; use a larger edge_length, a simpler polygon or "
@@ -126,7 +138,9 @@ class Supervisor:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-        self._process = self._control = self._connection = None
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+        self._process = self._control = self._connection = self._folder = None
 
     def _next(self) -> None:
         """Take the connection of the next worker, when there is one.

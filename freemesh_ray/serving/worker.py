@@ -2,6 +2,7 @@
 
 The process itself answers none. It loads policies and kernels, then forks a worker, which begins at once, and another
 when that one is gone: each has a connection of its own, which the supervisor is sent with how the one before ended.
+Their temporary files lie in a folder that the supervisor has made, where nothing stays of a worker that is gone.
 
 Compiled code cannot be interrupted from within. Before each request a worker therefore asks the operating system to
 end it when the time is up, which works without any other process. Its address space is limited, too.
@@ -13,9 +14,11 @@ import ctypes
 import os
 import resource
 import select
+import shutil
 import signal
 import socket
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Mapping
@@ -43,9 +46,10 @@ PR_SET_PDEATHSIG = 1
 
 def keep_a_worker(control: socket.socket) -> None:
     """Fork workers, one at a time, until the other end of ``control`` is closed."""
-    policies, limits, lane = Connection(os.dup(control.fileno())).recv()
+    policies, limits, lane, folder = Connection(os.dup(control.fileno())).recv()
     for policy in policies.values():
         mesh_domain(policy, load(WARM_UP), best_of=2)
+    tempfile.tempdir = str(folder)
     limit_memory(limits.worker_bytes)
     os.nice(NICENESS[lane])
     woken, waker = os.pipe()
@@ -54,11 +58,14 @@ def keep_a_worker(control: socket.socket) -> None:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     ended = 0
     while True:
+        empty(folder)
         pid = fork(control, ended, policies, limits, lane)
         while (status := status_of(pid, control, woken)) is not None and os.WIFSTOPPED(status):
             os.kill(pid, signal.SIGKILL)
         if status is None:
             os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            shutil.rmtree(folder, ignore_errors=True)
             return
         ended = os.waitstatus_to_exitcode(status)
         time.sleep(PAUSE)
@@ -88,6 +95,12 @@ def fork(control: socket.socket, ended: int, policies: Mapping[str, Policy], lim
         traceback.print_exc()
     finally:
         os._exit(status)
+
+
+def empty(folder: Path) -> None:
+    """Remove the temporary files that a worker has left, which was killed before it could."""
+    for left in folder.iterdir():
+        shutil.rmtree(left, ignore_errors=True)
 
 
 def status_of(pid: int, control: socket.socket, woken: int) -> int | None:

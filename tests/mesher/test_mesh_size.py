@@ -126,7 +126,7 @@ def test_what_memory_has_no_room_for_is_refused_before_the_outline_is_split(
 
 
 def test_regions_share_the_memory_that_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    squares = [[(SQUARE + [2.0 * i, 0.0]).tolist()] for i in range(10)]
+    squares = [[(SQUARE + np.array([2.0 * i, 0.0])).tolist()] for i in range(10)]
     each = meshing.BYTES_PER_ELEMENT * expected_in_rings([SQUARE], 0.1)
     monkeypatch.setattr(free_memory, "available", lambda: 5.0 * each)
     freemesh_ray.mesh(squares[:4], edge_length=0.1)

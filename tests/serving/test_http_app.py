@@ -128,7 +128,8 @@ def test_the_host_that_is_asked_for(host: bytes, status: int, path: str) -> None
     ("origin", "status"),
     [(b"http://localhost:8000", 200), (b"https://localhost:8000", 200), (b"https://mesh.example.org", 200),
      (b"http://localhost:9000", 403), (b"http://localhost", 403), (b"http://127.0.0.1:9000", 403),
-     (b"http://127.0.0.1", 403), (b"http://127.0.0.1:8000", 403), (b"https://mesh.example.org:9000", 403), (b"http://evil.example", 403), (b"null", 403),
+     (b"http://127.0.0.1", 403), (b"http://127.0.0.1:8000", 403), (b"https://mesh.example.org:9000", 403),
+     (b"http://evil.example", 403), (b"null", 403),
      (b"", 403), (b"http://", 403), (b"\xff", 403)],
 )  # fmt: skip
 def test_the_page_that_asks(origin: bytes, status: int) -> None:

@@ -413,6 +413,8 @@ def test_more_costly_polygons_than_may_wait(client: Client) -> None:
             connection = open_ones.enter_context(socket.create_connection(("127.0.0.1", client.port)))
             connection.sendall(head + body)
         until(lambda: client.counts()["freemesh_rejected_total busy"] > before)
+        # All of them were looked at: so many at once may fill the other queue, too, for a moment.
+        until(lambda: client.mesh(SHEET, edge_length=1)[0] == 200)
         status, line = client.refused(SHEET, **ENDLESS)
         assert (status, "try again" in line) == (503, True)
         # Quick ones wait for none of them.

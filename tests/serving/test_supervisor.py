@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from listening import family
 
+from freemesh_ray.local_ray.variables import FOLDER
 from freemesh_ray.policies.policy import SHIPPED, Policy
 from freemesh_ray.serving.answer import MeshRequest
 from freemesh_ray.serving.lanes import COSTLY, QUICK
@@ -161,6 +165,58 @@ def test_the_process_that_forks_is_killed_while_its_worker_meshes() -> None:
         assert again is not None
         assert again.status == 200
         assert one._process.pid != before
+
+
+def until_a_mesh_is_written(ours: Path) -> set[Path]:
+    """The folders in which workers write just now."""
+    found = set[Path]()
+
+    def look() -> bool:
+        with suppress(OSError):  # it has gone meanwhile
+            found.update(ours.glob("worker-*/*"))
+        return bool(found)
+
+    until(look)
+    return found
+
+
+def until_gone(paths: set[Path]) -> None:
+    until(lambda: not any(path.exists() for path in paths))
+
+
+#: A mesh in a file of some hundred kilobytes.
+WRITING = MeshRequest(SHEET, Parameters("medium", edge_length=0.03, format="inp", effort="quick"))
+
+
+@pytest.mark.parametrize("who", ["worker", "forking process", "supervisor's process"])
+def test_no_temporary_file_outlives_its_worker(who: str, tmp_path: Path) -> None:
+    """One that is killed while it writes a mesh has a folder for it."""
+    ours = tmp_path / "ours"
+    ours.mkdir()
+    code = """if True:
+        import sys
+        from test_supervisor import WRITING, supervisor
+        with supervisor() as one:
+            print(one._process.pid, flush=True)
+            while True:
+                if one.answer(WRITING) is None: break
+                print(flush=True)
+        """
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
+        env=os.environ | {FOLDER: str(ours), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    ) as running:  # fmt: skip
+        try:
+            assert running.stdout is not None
+            forking = int(running.stdout.readline())
+            for _ in range(3 if who == "worker" else 1):
+                written = until_a_mesh_is_written(ours)
+                number = family(forking)[1] if who == "worker" else forking
+                os.kill(running.pid if who == "supervisor's process" else number, signal.SIGKILL)
+                until_gone(written)
+        finally:
+            running.kill()
+    until(lambda: not any(ours.iterdir()))
 
 
 @pytest.mark.parametrize("at_work", [False, True])
