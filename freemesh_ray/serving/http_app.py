@@ -20,6 +20,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from freemesh_ray.serving.answer import NAME, Answer, MeshRequest, Refused
+from freemesh_ray.serving.awake import awake_timeout
 from freemesh_ray.serving.counters import CLIENT_LEFT, MESH, Counters
 from freemesh_ray.serving.errors import error_response
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
@@ -139,7 +140,7 @@ class _Endpoints:
             raise too_large
         body, large = bytearray(), False
         try:
-            async with asyncio.timeout(self._limits.upload_seconds):
+            async with awake_timeout(self._limits.upload_seconds):
                 async for chunk in request.stream():
                     body += chunk
                     if len(body) > most:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import select
 import shutil
 import signal
@@ -62,11 +63,12 @@ class Supervisor:
         if self.alive():
             return
         self.stop()
-        self._folder = Path(tempfile.mkdtemp(prefix="worker-", dir=os.environ.get(FOLDER)))
+        # The process makes it, and removes it when this one is gone; the name is one that nobody can guess.
+        self._folder = Path(os.environ.get(FOLDER) or tempfile.gettempdir()) / f"worker-{secrets.token_hex(8)}"
         self._control, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "freemesh_ray.serving.worker", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", "freemesh_ray.serving.worker", str(theirs.fileno()), str(self._folder)],
                 # What can be imported here can be imported there.
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
                 stdin=subprocess.DEVNULL,
@@ -74,7 +76,7 @@ class Supervisor:
             )
         try:
             with Connection(os.dup(self._control.fileno())) as once:
-                once.send((self._policies, self._limits, self._lane, self._folder))
+                once.send((self._policies, self._limits, self._lane))
             self._next()
         except (EOFError, OSError):
             raise WorkerError(f"a worker process ended with {self._process.wait()} before it was ready") from None

@@ -1,8 +1,8 @@
-"""The processes that answer requests: ``python -m freemesh_ray.serving.worker DESCRIPTOR``.
+"""The processes that answer requests: ``python -m freemesh_ray.serving.worker DESCRIPTOR FOLDER``.
 
 The process itself answers none. It loads policies and kernels, then forks a worker, which begins at once, and another
 when that one is gone: each has a connection of its own, which the supervisor is sent with how the one before ended.
-Their temporary files lie in a folder that the supervisor has made, where nothing stays of a worker that is gone.
+Their temporary files lie in a folder of this process's, where nothing stays of a worker that is gone.
 
 Compiled code cannot be interrupted from within. Before each request a worker therefore asks the operating system to
 end it when the time is up, which works without any other process. Its address space is limited, too.
@@ -44,9 +44,14 @@ PAUSE = 0.05
 PR_SET_PDEATHSIG = 1
 
 
-def keep_a_worker(control: socket.socket) -> None:
-    """Fork workers, one at a time, until the other end of ``control`` is closed."""
-    policies, limits, lane, folder = Connection(os.dup(control.fileno())).recv()
+def keep_a_worker(control: socket.socket, folder: Path) -> None:
+    """Fork workers, one at a time, until the other end of ``control`` is closed.
+
+    Args:
+        control: to the supervisor, which first sends policies, limits and lane.
+        folder: of their temporary files.
+    """
+    policies, limits, lane = Connection(os.dup(control.fileno())).recv()
     for policy in policies.values():
         mesh_domain(policy, load(WARM_UP), best_of=2)
     tempfile.tempdir = str(folder)
@@ -65,7 +70,6 @@ def keep_a_worker(control: socket.socket) -> None:
         if status is None:
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
-            shutil.rmtree(folder, ignore_errors=True)
             return
         ended = os.waitstatus_to_exitcode(status)
         time.sleep(PAUSE)
@@ -173,12 +177,16 @@ def end_with_the_parent() -> None:
 
 
 def main() -> None:
-    """Keep a worker for the supervisor at the other end of the socket whose descriptor is the one argument."""
+    """Keep a worker for the supervisor at the other end of the socket whose descriptor is the first argument."""
+    folder = Path(sys.argv[2])
     with socket.socket(fileno=int(sys.argv[1])) as control:
         try:
-            keep_a_worker(control)
+            folder.mkdir(mode=0o700)
+            keep_a_worker(control, folder)
         except (EOFError, ConnectionError):
             return
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 if __name__ == "__main__":
