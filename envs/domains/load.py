@@ -113,7 +113,7 @@ def load_geometry(
             places to (m,) edge lengths, asked inside the polygons alone, or (m, 3) rows x, y and an edge length, from
             which sizes grow.
         most: polygons at most; None: as many as there are.
-        options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``: see
+        options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``, ``room``: see
             :func:`envs.polygons.validation.geometry_of`.
 
     Raises:
@@ -143,7 +143,7 @@ def object_geometry(polygon: Any, name: str = "polygon", **options: Any) -> Geom
             GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``; a
             :class:`envs.polygons.drawing.Drawing`.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
-        options: ``fix_parity``, ``edge_length``, ``grading``, ``curvature``, ``size``, ``allow_large``: see
+        options: ``fix_parity``, ``edge_length``, ``grading``, ``curvature``, ``size``, ``allow_large``, ``room``: see
             :func:`envs.polygons.validation.geometry_of`.
 
     Raises:

@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -77,6 +77,7 @@ def geometry_of(
     curvature: float = CURVATURE,
     size: Size | Floats | None = None,
     allow_large: bool = False,
+    room: Callable[[float, str], None] | None = None,
     mirror: str | Sequence[Sequence[float]] | None = None,
 ) -> Geometry:
     """The regions of a drawing, with common points where they share their boundary.
@@ -92,12 +93,14 @@ def geometry_of(
         size: discretise the outlines by this size, and by the edge length where that is less: a function of (m, 2)
             places to (m,) edge lengths, asked inside the polygons alone, or (m, 3) rows x, y and an edge length.
         allow_large: also where an edge length asks for a mesh of more than ``element_count.MOST_ELEMENTS``.
+        room: called, before the outlines are split, with the elements that are expected of all of them and what
+            messages begin with; raises an error where there is no room for so many.
         mirror: an axis of symmetry, ``x``, ``y``, ``x0,y0,x1,y1`` or two points: the half to its left alone.
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several; a line that lies
             outside.
-        UserError: a size that is none.
+        UserError: a size that is none; no room.
     """
     check_sizes(edge_length, grading, curvature, source, sized=size is not None)
     name, polygons = printable(name), drawing.polygons
@@ -129,9 +132,13 @@ def geometry_of(
         wanted = None if size is None else wanted_at(size, outlines)
         if wanted is not None:
             edge_length = largest_wanted(size, wanted, edge_length)
-        if edge_length is not None and not allow_large:
-            for face, where in zip(faces, sources, strict=True):
-                check_elements(expected_in_rings(face.rings, edge_length), where)
+        if edge_length is not None:
+            expected = [expected_in_rings(face.rings, edge_length) for face in faces]
+            if not allow_large:
+                for each, where in zip(expected, sources, strict=True):
+                    check_elements(each, where)
+            if room is not None:
+                room(sum(expected), source)
         if edge_length is not None and lines.divide:
             close = close_sizes(faces, edge_length)
             wanted = close if wanted is None else np.concatenate([wanted, close])

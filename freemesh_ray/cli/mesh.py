@@ -135,6 +135,7 @@ def run(options: argparse.Namespace) -> int:
     from envs.readers.size_input import size_of
     from envs.types import Domain, WantedSizes
     from freemesh_ray.cli.kernel_progress import CompilingLine
+    from freemesh_ray.mesher import check_memory
     from freemesh_ray.mesher.polygon_to_mesh import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.plots import SUFFIXES as PICTURES
@@ -154,6 +155,7 @@ def run(options: argparse.Namespace) -> int:
         options.domain, layers=tuple(options.layer), join=options.join, fix_parity=options.fix_parity,
         edge_length=options.edge_length, grading=options.grading, curvature=options.curvature,
         size=own if said is None else said, allow_large=options.yes, mirror=options.mirror,
+        room=check_memory,
     )  # fmt: skip
     for told in geometry.notes:
         note(f"{options.domain}: {told}")

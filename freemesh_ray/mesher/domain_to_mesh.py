@@ -120,13 +120,26 @@ def mesh_domain(
         expected = max(expected, elements_wanted(domain, policy.parameters.size_gradient, sizes))
     if not allow_large:
         check_elements(expected, domain.name)
-    what = f"{domain.name}: a mesh of about {expected:,.0f} elements"
-    free_memory.check(BYTES_PER_ELEMENT * expected, what, "use a larger edge length")
+    check_memory(expected, domain.name)
     warm_up(policy)
     began = time.perf_counter()
     candidates = [mesh_once(policy, domain, (seed, k), search, smooth, clean, effort, sizes) for k in range(best_of)]
     best = max(candidates, key=lambda one: mean_quality(one.finished))
     return replace(best, seconds_finished=time.perf_counter() - began) if best_of > 1 else best
+
+
+def check_memory(expected: float, source: str) -> None:
+    """Refuse a mesh that memory has no room for.
+
+    Args:
+        expected: elements.
+        source: what the message begins with.
+
+    Raises:
+        MemoryShortError: as said.
+    """
+    what = f"{source}: a mesh of about {expected:,.0f} elements"
+    free_memory.check(BYTES_PER_ELEMENT * expected, what, "use a larger edge length")
 
 
 def mean_quality(mesh: Mesh) -> float:

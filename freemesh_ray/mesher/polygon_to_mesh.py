@@ -24,7 +24,7 @@ from freemesh_ray.mesh_geometry.assembly import Part, assembled
 from freemesh_ray.mesh_geometry.metrics import measure
 from freemesh_ray.mesh_geometry.mirrored import mirrored
 from freemesh_ray.mesh_geometry.swept import SweptMesh
-from freemesh_ray.mesher import MeshResult, mesh_domain
+from freemesh_ray.mesher import MeshResult, check_memory, mesh_domain
 from freemesh_ray.plots import replay
 from freemesh_ray.policies.policy import DEFAULT, DENSITY, SHIPPED, Policy
 
@@ -254,7 +254,7 @@ def mesh(
         own = own_sizes(polygon)
     split: dict[str, Any] = {
         "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "curvature": curvature,
-        "size": own if said is None else said, "allow_large": allow_large, "mirror": mirror,
+        "size": own if said is None else said, "allow_large": allow_large, "mirror": mirror, "room": check_memory,
     }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
         geometry = load_geometry(polygon, layers=tuple(layers), join=join, **split)

@@ -43,7 +43,7 @@ def quality(compared: Sequence[Compared]) -> str:
     header = ["quality", *(f"paper, {name}" for name in paper["methods"]), *meshers]
     domains = escaped(", ".join(entry.domain.name for entry in compared))
     failures = [
-        f"\n- {row.domain}: {row.mesher} failed and is left out of its means: {row.failure}"
+        "\n- " + escaped(f"{row.domain}: {row.mesher} failed and is left out of its means: {row.failure}")
         for entry in compared
         for row in entry.rows
         if row.figures is None

@@ -22,6 +22,7 @@ from envs.types import DomainError
 from freemesh_ray.mesh_geometry.assembly import Part, assembled
 from freemesh_ray.mesher import MeshingError, mesh_domain
 from freemesh_ray.policies.policy import Policy
+from freemesh_ray.serving.expected_time import expected_seconds
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES, encoded
 from freemesh_ray.serving.lanes import QUICK
 from freemesh_ray.serving.limits import Limits
@@ -97,11 +98,11 @@ def answer(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits,
         domain = region.domain
         expected = expected_in_domain(domain)
         check_elements(expected, limits)
-        if lane == QUICK and expected * wanted.best_of > limits.quick_elements:
+        if lane == QUICK and expected_seconds(expected, wanted) > limits.quick_expected:
             return None
         made = mesh_domain(
             policies[wanted.density], domain, seed=wanted.seed, best_of=wanted.best_of, smooth=wanted.smooth,
-            clean=wanted.clean, allow_large=True,
+            clean=wanted.clean, effort=wanted.effort, allow_large=True,
         )  # fmt: skip
         mesh = assembled([Part(made.finished, region.name, region.sides, region.curved)], NAME)
         body = encoded(mesh, wanted.format, time.perf_counter() - began)
@@ -116,7 +117,7 @@ def region_of(request: MeshRequest, limits: Limits) -> Region:
     """The one polygon in a request's body, its boundary split, with the names of its sides.
 
     Raises:
-        Refused: no JSON object, or too many vertices.
+        Refused: no JSON object, or too many vertices or elements.
         DomainError: no polygon, several, or one that cannot be meshed.
     """
     wanted = request.parameters
@@ -126,7 +127,7 @@ def region_of(request: MeshRequest, limits: Limits) -> Region:
     check_vertices(least_vertices(polygons[0], wanted.edge_length), limits)
     (region,) = geometry_of(
         Drawing(polygons), NAME, NAME, fix_parity=wanted.fix_parity, edge_length=wanted.edge_length,
-        grading=wanted.grading, allow_large=True,
+        grading=wanted.grading, allow_large=True, room=lambda expected, _: check_elements(expected, limits),
     ).regions  # fmt: skip
     check_vertices(len(region.domain.ring), limits)
     return region

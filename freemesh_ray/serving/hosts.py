@@ -19,21 +19,22 @@ from freemesh_ray.serving.errors import error_response
 LOCAL = ("localhost", "127.0.0.1", "::1")
 
 #: A host, or an address of version 6 in brackets, and a port.
-AUTHORITY = re.compile(r"(?:\[([0-9a-fA-F:.]+)\]|([^\[\]:/?#@\s]+))(?::\d{0,5})?")
+AUTHORITY = re.compile(r"(?:\[([0-9a-fA-F:.]+)\]|([^\[\]:/?#@\s]+))(:\d{0,5})?")
 
 
 class KnownHosts:
     """Answers 403 to requests that are for another host, or from another host's page."""
 
-    def __init__(self, application: ASGIApp, names: Iterable[str]) -> None:
+    def __init__(self, application: ASGIApp, names: Iterable[str], pages: Iterable[str] = ()) -> None:
         """Wrap an application.
 
         Args:
             application: that has to be protected.
-            names: hosts that it goes by beside those of this machine, whose pages may use it, too.
+            names: hosts that it goes by beside those of this machine.
+            pages: further ones, by which a proxy before it is known; their pages, at the usual port, may use it, too.
         """
-        self._application, self._given = application, frozenset(normal(name) for name in names)
-        self._names = self._given | {normal(name) for name in LOCAL}
+        self._application, self._pages = application, frozenset(normal(name) for name in pages)
+        self._names = self._pages | {normal(name) for name in (*names, *LOCAL)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http" and (line := self.mistaken(scope)):
@@ -51,16 +52,19 @@ class KnownHosts:
         if not all(named(host) in self._names | here for host in hosts):
             return "host: not a name of this server; use --allowed-hosts to have more"
         for origin in origins:
+            # What another port of the same host shows is another server's page.
             authority = origin.partition("://")[2]
-            if not authority or (authority not in hosts and named(authority) not in self._given):
-                return "origin: another host's page; use --allowed-hosts to let its pages use this server"
+            if not authority or (authority not in hosts and named(authority, usual_port=True) not in self._pages):
+                return "origin: another server's page; use --allowed-hosts to let its pages use this server"
         return ""
 
 
-def named(authority: str) -> str | None:
-    """The name in a host and port; None where there is none."""
+def named(authority: str, usual_port: bool = False) -> str | None:
+    """The name in a host and port; None where there is none, or where it has a port and must not."""
     found = AUTHORITY.fullmatch(authority)
-    return None if found is None else normal(found[1] or found[2])
+    if found is None or (usual_port and found[3]):
+        return None
+    return normal(found[1] or found[2])
 
 
 def normal(name: str) -> str:

@@ -20,6 +20,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from freemesh_ray.serving.answer import NAME, Answer, MeshRequest, Refused
+from freemesh_ray.serving.awake import awake_timeout
 from freemesh_ray.serving.counters import CLIENT_LEFT, MESH, Counters
 from freemesh_ray.serving.errors import error_response
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
@@ -52,6 +53,7 @@ def asgi_app(
     token: bytes | None,
     counters: Counters,
     hosts: Sequence[str] = (),
+    pages: Sequence[str] = (),
 ) -> ASGIApp:
     """The ASGI application.
 
@@ -63,6 +65,7 @@ def asgi_app(
         token: digest of the bearer token that all paths but ``/health`` ask for; None: none is asked for.
         counters: where requests are counted.
         hosts: names that the server goes by beside those of this machine.
+        pages: further ones, whose pages may use it.
     """
     endpoints = _Endpoints(mesh, able, densities, limits, counters)
     routes = [
@@ -76,7 +79,7 @@ def asgi_app(
     )
     application.router.redirect_slashes = False
     guarded = application if token is None else _Guarded(application, token)
-    return _Counted(_OneLength(KnownHosts(guarded, hosts)), counters)
+    return _Counted(_OneLength(KnownHosts(guarded, hosts, pages)), counters)
 
 
 class _Endpoints:
@@ -137,7 +140,7 @@ class _Endpoints:
             raise too_large
         body, large = bytearray(), False
         try:
-            async with asyncio.timeout(self._limits.upload_seconds):
+            async with awake_timeout(self._limits.upload_seconds):
                 async for chunk in request.stream():
                     body += chunk
                     if len(body) > most:

@@ -113,7 +113,7 @@ def _server(order: Order, meshers: MesherPool, counters: Counters) -> _Server:
     limits = order.limits
     app = asgi_app(
         meshers.mesh, meshers.able, densities=sorted(order.policies), limits=limits, token=order.token,
-        counters=counters, hosts=order.hosts,
+        counters=counters, hosts=[order.host], pages=order.hosts,
     )  # fmt: skip
     connections = Connections(affordable(limits.connections), counters.cut)
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)

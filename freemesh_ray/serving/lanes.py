@@ -4,16 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from freemesh_ray.serving.limits import Limits
-
 QUICK: Final = "quick"
 COSTLY: Final = "costly"
 LANES: Final = (QUICK, COSTLY)
 
 #: By how much the workers of a lane give way to other processes.
 NICENESS: Final = {QUICK: 0, COSTLY: 10}
-
-
-def seconds(lane: str, limits: Limits) -> float:
-    """Wall time of a mesh in a lane."""
-    return min(limits.quick_seconds, limits.seconds) if lane == QUICK else limits.seconds

@@ -17,8 +17,8 @@ class Limits:
         best_of: meshes to choose from.
         worker_bytes: address space that a mesh may take, beside what a worker has when it is ready.
         quick_bytes: body of a request that may be a quick one.
-        quick_elements: that a quick request's meshes are expected to have, all of ``best_of`` together.
-        quick_seconds: after which a request that looked quick goes on as a costly one.
+        quick_expected: processor time that a quick request is expected to take, in seconds.
+        quick_seconds: processor time after which a request that looked quick goes on as a costly one.
         waiting: requests that may wait for a free mesher, quick and costly ones apart; further ones are turned away.
         uploads: bodies of more than ``quick_bytes`` that may be on their way; with ``waiting`` and ``body_bytes`` this
             bounds the memory that requests take.
@@ -37,7 +37,7 @@ class Limits:
     best_of: int = 8
     worker_bytes: int = 2_000_000_000
     quick_bytes: int = 65_536
-    quick_elements: int = 5_000
+    quick_expected: float = 0.5
     quick_seconds: float = 1.0
     waiting: int = 32
     uploads: int = 16

@@ -30,7 +30,7 @@ class Order:
         host, port: to listen on.
         replicas: meshers.
         token: digest of the bearer token that is asked for, or None.
-        hosts: names that the server goes by beside those of this machine.
+        hosts: names that the server goes by beside ``host`` and those of this machine; their pages may use it.
     """
 
     policies: Mapping[str, Policy]

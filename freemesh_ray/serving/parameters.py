@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from envs.polygons.sizing import MOST_GRADING
+from freemesh_ray.finish.refill import EFFORTS, USUAL
 from freemesh_ray.policies.policy import DENSITY
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
 from freemesh_ray.serving.limits import Limits
@@ -40,6 +41,7 @@ class Parameters:
     best_of: int = 1
     smooth: bool = True
     clean: bool = True
+    effort: str = USUAL
     format: str = JSON
 
 
@@ -101,6 +103,7 @@ def value_types(densities: Sequence[str], limits: Limits) -> dict[str, ValueType
         "best_of": whole(1, limits.best_of),
         "smooth": switch,
         "clean": switch,
+        "effort": choice(tuple(EFFORTS)),
         "format": choice(tuple(MEDIA_TYPES)),
     }
 

@@ -12,8 +12,8 @@ from ray.exceptions import RayError
 
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest
+from freemesh_ray.serving.awake import Awake, awake_timeout
 from freemesh_ray.serving.lanes import COSTLY, LANES, QUICK
-from freemesh_ray.serving.lanes import seconds as lane_seconds
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.mesher_actor import Mesher
 from freemesh_ray.serving.queue import Busy, Queue
@@ -67,7 +67,7 @@ class MesherPool:
         self._queues = {lane: Queue[_Running](limits.waiting) for lane in LANES}
         self._running: set[_Running] = set()
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._since = time.monotonic()
+        self._without = Awake()
 
     async def start(self) -> None:
         """Start them all.
@@ -85,8 +85,8 @@ class MesherPool:
     def seconds_without(self) -> float:
         """For how long none could take a request, as seen by those who ask this again and again."""
         if self.able():
-            self._since = time.monotonic()
-        return time.monotonic() - self._since
+            self._without.restart()
+        return self._without.seconds()
 
     async def mesh(self, request: MeshRequest) -> Answer:
         """The answer to a request, from another mesher when one is lost.
@@ -97,7 +97,7 @@ class MesherPool:
         lane = QUICK if len(request.body) <= self._limits.quick_bytes else COSTLY
         tries = TRIES
         try:
-            async with asyncio.timeout(2.0 * self._limits.seconds):
+            async with awake_timeout(2.0 * self._limits.seconds):
                 while tries:
                     mesher = await self._queues[lane].take()
                     try:
@@ -119,13 +119,12 @@ class MesherPool:
         asked = asyncio.ensure_future(_value(mesher.actor.answer.remote(request, lane)))
         lost = asyncio.ensure_future(mesher.lost.wait())
         try:
-            done, _ = await asyncio.wait(
-                {asked, lost}, timeout=lane_seconds(lane, self._limits) + SLACK, return_when=asyncio.FIRST_COMPLETED
-            )
-            if asked not in done:
+            async with awake_timeout(self._limits.seconds + SLACK):
+                await asyncio.wait({asked, lost}, return_when=asyncio.FIRST_COMPLETED)
+            if not asked.done():
                 raise MesherLost
             answer: Answer | None = asked.result()
-        except (RayError, MesherLost):
+        except (RayError, MesherLost, TimeoutError):
             mesher.lost.set()
             raise MesherLost from None
         finally:
@@ -152,7 +151,7 @@ class MesherPool:
         try:
             while not mesher.lost.is_set():
                 began = time.monotonic()
-                async with asyncio.timeout(SILENT):
+                async with awake_timeout(SILENT):
                     if await _value(mesher.actor.alive.remote()):
                         mesher.heard = began
                 await asyncio.sleep(ASKED)
@@ -170,7 +169,7 @@ class MesherPool:
     async def _started(self) -> _Running:
         actor = self._class.remote(self._policies, self._limits)
         try:
-            async with asyncio.timeout(START):
+            async with awake_timeout(START):
                 await _value(actor.alive.remote())
         except (RayError, TimeoutError) as error:
             _kill(actor)

@@ -6,7 +6,6 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from ipaddress import ip_address
@@ -15,6 +14,7 @@ from multiprocessing import Pipe
 from envs.errors import FAILED
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving import session_processes
+from freemesh_ray.serving.awake import Awake
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.order import Order, ServiceEnded, ServiceError
 
@@ -88,14 +88,14 @@ class Service:
             ServiceEnded: it serves no more, in one line; what was left of it is killed.
             SystemExit: as above, where it has said so itself.
         """
-        heard = time.monotonic()
+        silence = Awake()
         try:
             while True:
                 if self._connection.poll(LOOK):
                     self._next()
-                    heard = time.monotonic()
+                    silence.restart()
                 session_processes.wake_stopped(self._process.pid)
-                if time.monotonic() - heard > SILENT:
+                if silence.seconds() > SILENT:
                     raise ServiceEnded(f"the service gave no sign of life for {SILENT:g} s: start it again")
         except (ServiceEnded, SystemExit):
             self._kill()
@@ -156,7 +156,7 @@ def running_service(
         UserError: the port is taken, or the meshers do not start.
     """
     check_free(host, port)
-    service = Service(Order(dict(policies), limits, host, port, replicas, token, (host, *hosts)))
+    service = Service(Order(dict(policies), limits, host, port, replicas, token, tuple(hosts)))
     try:
         yield service
     finally:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import os
+import secrets
 import select
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from http import HTTPStatus
 from multiprocessing.connection import Connection
+from pathlib import Path
 
+from freemesh_ray.local_ray.variables import FOLDER
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
-from freemesh_ray.serving.lanes import QUICK, seconds
+from freemesh_ray.serving.awake import LOOK, Awake
 from freemesh_ray.serving.limits import Limits
 
 #: Workers that may die over one request before it is given up: one may have been killed by somebody else.
@@ -47,6 +52,7 @@ class Supervisor:
         self._control: socket.socket | None = None
         self._connection: Connection | None = None
         self._last_status = 0
+        self._folder: Path | None = None
 
     def start(self) -> None:
         """Start the processes, if there are none, and wait until kernels are compiled.
@@ -57,10 +63,12 @@ class Supervisor:
         if self.alive():
             return
         self.stop()
+        # The process makes it, and removes it when this one is gone; the name is one that nobody can guess.
+        self._folder = Path(os.environ.get(FOLDER) or tempfile.gettempdir()) / f"worker-{secrets.token_hex(8)}"
         self._control, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "freemesh_ray.serving.worker", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", "freemesh_ray.serving.worker", str(theirs.fileno()), str(self._folder)],
                 # What can be imported here can be imported there.
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
                 stdin=subprocess.DEVNULL,
@@ -86,14 +94,16 @@ class Supervisor:
         Raises:
             WorkerError: no worker can be started.
         """
-        for _ in range(TRIES):
+        for left in reversed(range(TRIES)):
             self.start()
+            clock = Awake()
             try:
                 self._newest()
                 assert self._connection is not None
                 self._connection.send(request)
-                if self._connection.poll(seconds(self._lane, self._limits) + SLACK):
-                    return self._connection.recv()
+                while clock.seconds() < self._limits.seconds + SLACK:
+                    if self._connection.poll(LOOK):
+                        return self._connection.recv()
                 self.stop()
                 continue
             except (EOFError, OSError):
@@ -103,9 +113,12 @@ class Supervisor:
             except (EOFError, OSError):
                 self.stop()
                 continue
+            if self._last_status == -signal.SIGPROF:  # only in the quick lane (see `worker.limit_time`)
+                return None
             if self._last_status == -signal.SIGALRM:
-                if self._lane == QUICK and self._limits.quick_seconds < self._limits.seconds:
-                    return None
+                clock.seconds()
+                if clock.asleep and left:  # the worker was asleep, too, and its alarm went on
+                    continue
                 return refusal(
                     HTTPStatus.GATEWAY_TIMEOUT,
                     f"not meshed within {self._limits.seconds:g} s; use a larger edge_length, a simpler polygon or "
@@ -127,7 +140,9 @@ class Supervisor:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-        self._process = self._control = self._connection = None
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+        self._process = self._control = self._connection = self._folder = None
 
     def _next(self) -> None:
         """Take the connection of the next worker, when there is one.

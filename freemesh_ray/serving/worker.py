@@ -1,7 +1,8 @@
-"""The processes that answer requests: ``python -m freemesh_ray.serving.worker DESCRIPTOR``.
+"""The processes that answer requests: ``python -m freemesh_ray.serving.worker DESCRIPTOR FOLDER``.
 
 The process itself answers none. It loads policies and kernels, then forks a worker, which begins at once, and another
 when that one is gone: each has a connection of its own, which the supervisor is sent with how the one before ended.
+Their temporary files lie in a folder of this process's, where nothing stays of a worker that is gone.
 
 Compiled code cannot be interrupted from within. Before each request a worker therefore asks the operating system to
 end it when the time is up, which works without any other process. Its address space is limited, too.
@@ -13,9 +14,11 @@ import ctypes
 import os
 import resource
 import select
+import shutil
 import signal
 import socket
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Mapping
@@ -28,7 +31,7 @@ from envs.domains.load import load
 from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, answer, refusal
-from freemesh_ray.serving.lanes import NICENESS, seconds
+from freemesh_ray.serving.lanes import NICENESS, QUICK
 from freemesh_ray.serving.limits import Limits
 
 #: Meshed before the first request, so that everything is compiled.
@@ -41,11 +44,17 @@ PAUSE = 0.05
 PR_SET_PDEATHSIG = 1
 
 
-def keep_a_worker(control: socket.socket) -> None:
-    """Fork workers, one at a time, until the other end of ``control`` is closed."""
+def keep_a_worker(control: socket.socket, folder: Path) -> None:
+    """Fork workers, one at a time, until the other end of ``control`` is closed.
+
+    Args:
+        control: to the supervisor, which first sends policies, limits and lane.
+        folder: of their temporary files.
+    """
     policies, limits, lane = Connection(os.dup(control.fileno())).recv()
     for policy in policies.values():
         mesh_domain(policy, load(WARM_UP), best_of=2)
+    tempfile.tempdir = str(folder)
     limit_memory(limits.worker_bytes)
     os.nice(NICENESS[lane])
     woken, waker = os.pipe()
@@ -54,11 +63,13 @@ def keep_a_worker(control: socket.socket) -> None:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     ended = 0
     while True:
+        empty(folder)
         pid = fork(control, ended, policies, limits, lane)
         while (status := status_of(pid, control, woken)) is not None and os.WIFSTOPPED(status):
             os.kill(pid, signal.SIGKILL)
         if status is None:
             os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
             return
         ended = os.waitstatus_to_exitcode(status)
         time.sleep(PAUSE)
@@ -78,6 +89,7 @@ def fork(control: socket.socket, ended: int, policies: Mapping[str, Policy], lim
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
         control.close()
         mine.close()
         serve(theirs, policies, limits, lane)
@@ -87,6 +99,12 @@ def fork(control: socket.socket, ended: int, policies: Mapping[str, Policy], lim
         traceback.print_exc()
     finally:
         os._exit(status)
+
+
+def empty(folder: Path) -> None:
+    """Remove the temporary files that a worker has left, which was killed before it could."""
+    for left in folder.iterdir():
+        shutil.rmtree(left, ignore_errors=True)
 
 
 def status_of(pid: int, control: socket.socket, woken: int) -> int | None:
@@ -106,9 +124,9 @@ def serve(connection: Connection, policies: Mapping[str, Policy], limits: Limits
     """Answer requests until the other end is closed."""
     while True:
         request = connection.recv()
-        signal.setitimer(signal.ITIMER_REAL, seconds(lane, limits))
+        limit_time(limits.seconds, limits.quick_seconds if lane == QUICK else 0.0)
         sent = safe(request, policies, limits, lane)
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        limit_time(0.0, 0.0)
         connection.send(sent)
 
 
@@ -125,6 +143,19 @@ def safe(request: MeshRequest, policies: Mapping[str, Policy], limits: Limits, l
     except Exception:
         traceback.print_exc()
         return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "the mesher failed; the server's log says how")
+
+
+def limit_time(wall: float, processor: float) -> None:
+    """Have the system end this process when its time is up; 0: there is no limit any more.
+
+    A quick request's limit is processor time: where the machine is busy it takes longer, and is no costlier.
+
+    Args:
+        wall: seconds, after which it ends by SIGALRM.
+        processor: seconds that it has a core for, all of its threads together, after which it ends by SIGPROF.
+    """
+    signal.setitimer(signal.ITIMER_REAL, wall)
+    signal.setitimer(signal.ITIMER_PROF, processor)
 
 
 def limit_memory(more: int) -> None:
@@ -146,12 +177,16 @@ def end_with_the_parent() -> None:
 
 
 def main() -> None:
-    """Keep a worker for the supervisor at the other end of the socket whose descriptor is the one argument."""
+    """Keep a worker for the supervisor at the other end of the socket whose descriptor is the first argument."""
+    folder = Path(sys.argv[2])
     with socket.socket(fileno=int(sys.argv[1])) as control:
         try:
-            keep_a_worker(control)
+            folder.mkdir(mode=0o700)
+            keep_a_worker(control, folder)
         except (EOFError, ConnectionError):
             return
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 if __name__ == "__main__":

@@ -25,14 +25,14 @@ TITLES = {
 FOLDED = ("train", "learner", "mesh", "finished", "setting", "Model metrics", "System metrics")
 
 
-def key(own_id: str) -> str:
-    """The key of the view of the run with our id."""
-    return f"freemesh-{own_id}"
+def key(run_id: str) -> str:
+    """The key of the view of the run that MLflow calls so: an id of ours could be that of another user's run, too."""
+    return f"freemesh-{run_id}"
 
 
-def study_page(experiment: str, own_id: str) -> str:
+def study_page(experiment: str, run_id: str) -> str:
     """The page of a study, of which `view` was kept, behind the store's address."""
-    return f"#/experiments/{experiment}/runs?compareRunsMode=CHART&viewStateShareKey={key(own_id)}"
+    return f"#/experiments/{experiment}/runs?compareRunsMode=CHART&viewStateShareKey={key(run_id)}"
 
 
 def run_page(experiment: str, run_id: str, tab: str = "model-metrics") -> str:

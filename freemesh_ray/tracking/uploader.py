@@ -265,8 +265,8 @@ class Uploader:
         from mlflow.entities import Metric
 
         client, run_id = self._store(), self.journal.state.run_id
-        experiment, own_id = self._experiment(), self.journal.id
-        page = charts.study_page(experiment, own_id)
+        experiment = self._experiment()
+        page = charts.study_page(experiment, str(run_id))
         report = charts.run_page(experiment, str(run_id), f"artifacts/{REPORT}")
         links = f"[Curves of all variants]({page}) · [Report]({report})"
         fresh = [Metric(name, float(value), event["time"], event["step"]) for name, value in event["values"].items()]
@@ -275,7 +275,7 @@ class Uploader:
             for chunk in _chunks(fresh, METRICS_PER_BATCH):
                 client.log_batch(run_id, metrics=chunk, synchronous=True)
             client.set_experiment_tag(
-                experiment, f"{charts.VIEW}{charts.key(own_id)}", charts.view(str(run_id), event["charts"])
+                experiment, f"{charts.VIEW}{charts.key(str(run_id))}", charts.view(str(run_id), event["charts"])
             )
             self.journal.state.page = page
 

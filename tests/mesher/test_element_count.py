@@ -107,6 +107,33 @@ def test_the_command_tells_the_size_and_begins_nothing(
     assert not Path("square.obj").exists()
 
 
+@pytest.mark.parametrize("edge_length", [1e-5, 1e-9, 1e-300])
+def test_what_memory_has_no_room_for_is_refused_before_the_outline_is_split(
+    edge_length: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = Path("square.wkt")
+    file.write_text("POLYGON ((0 0, 1 0, 1 1, 0 1, 0 0))")
+    freemesh_ray.mesh(file, edge_length=0.2)
+    words = r"elements takes .* GB are free: use a larger edge length"
+    for polygon in (SQUARE, file):
+        with pytest.raises(free_memory.MemoryShortError, match=words), little_memory(5_000_000):
+            freemesh_ray.mesh(polygon, edge_length=edge_length, allow_large=True)
+    with little_memory(5_000_000):
+        assert command.main(["mesh", "square.wkt", "--edge-length", str(edge_length), "-o", "s.obj", "--yes"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n"), "GB are free" in err) == ("", 1, True)
+
+
+def test_regions_share_the_memory_that_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    squares = [[(SQUARE + np.array([2.0 * i, 0.0])).tolist()] for i in range(10)]
+    each = domain_to_mesh.BYTES_PER_ELEMENT * expected_in_rings([SQUARE], 0.1)
+    monkeypatch.setattr(free_memory, "available", lambda: 5.0 * each)
+    freemesh_ray.mesh(squares[:4], edge_length=0.1)
+    with pytest.raises(free_memory.MemoryShortError):
+        freemesh_ray.mesh(squares, edge_length=0.1)
+
+
 def test_polygons_of_a_file_are_counted_one_by_one(tmp_path: Path) -> None:
     file = tmp_path / "two.wkt"
     file.write_text("MULTIPOLYGON (((0 0, 1 0, 1 1, 0 1, 0 0)), ((2 0, 3000 0, 3000 3000, 2 3000, 2 0)))")

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from checkout import REFERENCES
-from freemesh_ray.finish.finish import USUAL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,6 +23,7 @@ from envs.mdp.observation import observation_size
 from envs.mdp.transition import numbers
 from envs.quality import element_quality
 from envs.types import NO_WISHES, Domain, MeshingParameters, WantedSizes
+from freemesh_ray.finish import USUAL
 from freemesh_ray.mesher import MeshingError, domain_to_mesh, mesh_domain
 from freemesh_ray.mesher.agent import agent
 from freemesh_ray.mesher.backtracking import elements_back, mark

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hostile_names import HOSTILE
 
 from envs.domains.load import from_rings, load
 from envs.mdp.observation import observation_size
@@ -15,10 +16,12 @@ from envs.types import Domain, MeshingParameters
 from freemesh_ray import export
 from freemesh_ray.cli import command
 from freemesh_ray.cli.paper import TABLES
-from freemesh_ray.compare.comparison import compare
+from freemesh_ray.compare.comparison import Compared, compare
 from freemesh_ray.compare.mixed_mesh import PeerError, assembled
 from freemesh_ray.compare.named_meshers import OURS, RAW, Mesher
+from freemesh_ray.compare.row import Row
 from freemesh_ray.compare.stages import ALONE, SMOOTHED, stages
+from freemesh_ray.formatting.markdown import escaped
 from freemesh_ray.mesh_geometry.metrics import by_element
 from freemesh_ray.mesher import MeshingError, MeshResult, mesh_domain
 from freemesh_ray.paper_tables.density import density
@@ -199,6 +202,14 @@ def test_failures_are_told() -> None:
     good = Mesher("good", lambda domain: [assembled("good", squares(domain).vertices, QUADS, [], 1.0)])
     text = quality(compare([square()], [good, Mesher("never", failing)], None, lambda row: None))
     assert "- square: never failed and is left out of its means: no way" in text
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_failures_of_hostile_names_begin_no_markup(name: str) -> None:
+    failed = Row(name, "peer", None, None, f"{name} is wrong")
+    text = quality([Compared(square(), [failed], [])])
+    (line,) = [each for each in text.split("\n") if "is left out of its means" in each]
+    assert line == "- " + escaped(f"{name}: peer failed and is left out of its means: {name} is wrong")
 
 
 def test_every_printed_metric_has_three_methods() -> None:

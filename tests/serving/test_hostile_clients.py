@@ -170,4 +170,5 @@ def test_headers_of_others_are_ignored_or_refused(server: Server, header: bytes)
 def test_a_web_page_cannot_use_it(server: Server) -> None:
     """As a page does whose name leads here, and one that posts without asking."""
     assert statuses(server, valid().replace(b"localhost", b"evil.example:%d" % port_of(server))) == [b"403"]
-    assert statuses(server, valid(b"Origin: https://evil.example")) == [b"403"]
+    for origin in (b"https://evil.example", b"http://127.0.0.1:%d" % (port_of(server) + 1), b"http://127.0.0.1"):
+        assert statuses(server, valid(b"Origin: " + origin)) == [b"403"]

@@ -60,7 +60,7 @@ def ask(
              "server": ("10.1.2.3", 8000)}  # fmt: skip
     app = asgi_app(
         mesh, lambda: meshers, densities=["medium"], limits=LIMITS, token=digest("key") if guarded else None,
-        counters=counters, hosts=["mesh.example.org"],
+        counters=counters, hosts=["127.0.0.1"], pages=["mesh.example.org"],
     )  # fmt: skip
     asyncio.run(app(scope, receive, send))  # type: ignore[arg-type]
     start, *rest = sent
@@ -127,11 +127,24 @@ def test_the_host_that_is_asked_for(host: bytes, status: int, path: str) -> None
 @pytest.mark.parametrize(
     ("origin", "status"),
     [(b"http://localhost:8000", 200), (b"https://localhost:8000", 200), (b"https://mesh.example.org", 200),
-     (b"http://localhost:9000", 403), (b"http://localhost", 403), (b"http://evil.example", 403), (b"null", 403),
+     (b"http://localhost:9000", 403), (b"http://localhost", 403), (b"http://127.0.0.1:9000", 403),
+     (b"http://127.0.0.1", 403), (b"http://127.0.0.1:8000", 403), (b"https://mesh.example.org:9000", 403),
+     (b"http://evil.example", 403), (b"null", 403),
      (b"", 403), (b"http://", 403), (b"\xff", 403)],
 )  # fmt: skip
 def test_the_page_that_asks(origin: bytes, status: int) -> None:
     assert ask(fine, [b""], headers=[(b"host", b"localhost:8000"), (b"origin", origin)])[0] == status
+
+
+@pytest.mark.parametrize("guarded", [False, True])
+@pytest.mark.parametrize("path", ["/", "/mesh", "/health", "/metrics", "/nowhere"])
+@pytest.mark.parametrize("header", [(b"host", b"evil.example"), (b"origin", b"http://127.0.0.1:9000")])
+def test_another_server_s_page_gets_nothing(guarded: bool, path: str, header: tuple[bytes, bytes]) -> None:
+    headers = [header, (b"authorization", b"Bearer key")]
+    if header[0] == b"origin":
+        headers.append((b"host", b"127.0.0.1:8000"))
+    for method in ("GET", "POST", "PUT", "DELETE"):
+        assert ask(fine, [b""], path=path, method=method, headers=headers, guarded=guarded)[0] == 403
 
 
 def test_a_wrong_host_is_refused_before_the_token_is_looked_at() -> None:

@@ -10,7 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -21,11 +21,16 @@ from worker_processes import forking, workers
 
 from freemesh_ray.local_ray.processes import STOPPED, of_session, process
 from freemesh_ray.serving import session_processes
+from freemesh_ray.serving.http_process import WITHOUT
+from freemesh_ray.serving.service import SILENT
 
 pytestmark = pytest.mark.slow
 
 #: Seconds until it serves again, until it has ended, and for how long /health may say that it can mesh when it cannot.
 AGAIN, ENDED, WRONG = 15.0, 10.0, 2.0
+
+#: For how long all processes stand still together.
+ASLEEP = WITHOUT + 5.0
 
 #: By how much all of these are too short for two cores on which other tests run.
 PATIENCE = float(os.environ.get("FREEMESH_PATIENCE", "2"))
@@ -38,7 +43,7 @@ def command(service: Server) -> int:
 
 
 def server(service: Server) -> int:
-    return named(service.pid, "serving.server")[0]
+    return named(service.pid, "serving.http_process")[0]
 
 
 def first(part: str) -> Callable[[Server], int]:
@@ -177,6 +182,38 @@ def test_it_serves_again(service: Server, name: str, number: signal.Signals) -> 
         took = time.monotonic() - began
     print(f"{name}, {number.name}: served again after {took:.1f} s, health wrong for {probe.wrong:.1f} s")
     assert probe.wrong <= WRONG * PATIENCE
+
+
+def test_it_serves_again_after_a_sleep(service: Server) -> None:
+    """All of its processes stand still, those that watch the others first, for longer than any of them is patient."""
+    answers: list[int] = []
+    path = "/mesh?edge_length=0.02&seed=1"  # 30,000 elements: it is amid them
+    costly = threading.Thread(target=lambda: answers.append(asked(service, "POST", path, SHEET, 300.0)))
+    costly.start()
+    time.sleep(0.5)
+    watching = [PROCESSES[name](service) for name in ("guard", "command", "server")]
+    everyone = {service.pid, *(one.number for one in of_session(server(service)))}
+    for victim in [*watching, *everyone.difference(watching)]:
+        os.kill(victim, signal.SIGSTOP)
+    until(lambda: all(is_stopped(one) for one in everyone), 10.0)
+    time.sleep(ASLEEP)
+    assert all(is_stopped(one) for one in everyone)
+    began = time.monotonic()
+    for victim in everyone:
+        with suppress(ProcessLookupError):  # a worker that its parent, awake before it, found stopped
+            os.kill(victim, signal.SIGCONT)
+    until(lambda: meshes(service), AGAIN * PATIENCE)
+    print(f"all of them, SIGSTOP for {ASLEEP:g} s: served again after {time.monotonic() - began:.1f} s")
+    costly.join(120.0)
+    assert answers == [200]
+    time.sleep(SILENT)  # nobody ends it for what was before
+    assert meshes(service, 30.0)
+    assert service.log.read_text().count("\n") == 1, service.log.read_text()
+
+
+def is_stopped(number: int) -> bool:
+    found = process(number)
+    return found is None or found.state == STOPPED
 
 
 def until_it_works(victim: int) -> None:

@@ -35,8 +35,8 @@ pytestmark = pytest.mark.slow
 TOKEN = "a secret"
 BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 4.0, 2
 ELEMENTS = 240_000
-#: What the load asks for: some 4,000 elements, 0.1 s on a quiet core.
-HEAVY = {"edge_length": 0.055}
+#: What the load asks for: some 4,000 elements, 0.1 s on a quiet core, a quick request.
+HEAVY = {"edge_length": 0.055, "effort": "quick"}
 #: More work than fits into the time limit: eight meshes of a quarter million elements.
 ENDLESS = {"edge_length": 0.0072, "best_of": 8}
 SHEET = {"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]]}
@@ -145,6 +145,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
         (FEATURE, {"edge_length": 0.3, "best_of": 3, "density": "dense"}, {}),
         (COLLECTION, {"edge_length": 0.4, "smooth": "false"}, {"smooth": False}),
         (SHEET, {"edge_length": 0.2, "density": "sparse", "clean": "false"}, {"clean": False}),
+        (PLATE, {"edge_length": 0.2, "effort": "thorough"}, {}),
         ({**SHEET, "coordinates": [SHEET["coordinates"][0][1:]]}, {"fix_parity": "true"}, {"fix_parity": True}),
     ],
 )  # fmt: skip
@@ -189,6 +190,7 @@ def test_files_are_those_that_the_package_writes(client: Client, suffix: str, tm
         ({"best_of": 9}, "from 1 to 8"),
         ({"best_of": "9" * 5000}, "from 1 to 8"),
         ({"smooth": "maybe"}, "one of true, false"),
+        ({"effort": "much"}, "one of quick, usual, thorough"),
         ({"density": "thick"}, "dense, even, medium, sparse"),
         ({"format": "stl"}, ", ".join(MEDIA_TYPES)),
     ],
@@ -411,6 +413,8 @@ def test_more_costly_polygons_than_may_wait(client: Client) -> None:
             connection = open_ones.enter_context(socket.create_connection(("127.0.0.1", client.port)))
             connection.sendall(head + body)
         until(lambda: client.counts()["freemesh_rejected_total busy"] > before)
+        # All of them were looked at: so many at once may fill the other queue, too, for a moment.
+        until(lambda: client.mesh(SHEET, edge_length=1)[0] == 200)
         status, line = client.refused(SHEET, **ENDLESS)
         assert (status, "try again" in line) == (503, True)
         # Quick ones wait for none of them.

@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from listening import family
 
+from freemesh_ray.local_ray.variables import FOLDER
 from freemesh_ray.policies.policy import SHIPPED, Policy
 from freemesh_ray.serving.answer import MeshRequest
 from freemesh_ray.serving.lanes import COSTLY, QUICK
@@ -71,8 +75,8 @@ def busy(pid: int) -> bool:
         return False
 
 
-def until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 30
+def until(true: Callable[[], bool], seconds: float = 30.0) -> None:
+    deadline = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < deadline
         time.sleep(0.005)
@@ -111,8 +115,15 @@ def test_what_is_too_costly_for_the_quick_lane() -> None:
         assert (answer.status, worker(one)) == (200, before)
 
 
+def test_no_request_waits_for_longer_than_its_time_in_the_quick_lane() -> None:
+    with supervisor(QUICK, quick_expected=1e9, quick_seconds=60.0, seconds=0.3) as one:
+        refused = one.answer(LARGE)
+        assert refused is not None
+        assert refused.status == 504
+
+
 def test_what_takes_too_long_for_the_quick_lane() -> None:
-    with supervisor(QUICK, quick_elements=10**9, quick_seconds=0.2) as one:
+    with supervisor(QUICK, quick_expected=1e9, quick_seconds=0.2) as one:
         assert one.answer(LARGE) is None
 
 
@@ -154,6 +165,57 @@ def test_the_process_that_forks_is_killed_while_its_worker_meshes() -> None:
         assert again is not None
         assert again.status == 200
         assert one._process.pid != before
+
+
+def until_a_mesh_is_written(ours: Path) -> set[Path]:
+    """The folders in which workers write just now."""
+    found = set[Path]()
+
+    def look() -> bool:
+        with suppress(OSError):  # it has gone meanwhile
+            found.update(ours.glob("worker-*/*"))
+        return bool(found)
+
+    until(look)
+    return found
+
+
+def until_gone(paths: set[Path]) -> None:
+    until(lambda: not any(path.exists() for path in paths))
+
+
+#: A mesh in a file of some hundred kilobytes.
+WRITING = MeshRequest(SHEET, Parameters("medium", edge_length=0.03, format="inp", effort="quick"))
+
+
+@pytest.mark.parametrize("who", ["worker", "forking process", "supervisor's process"])
+def test_no_temporary_file_outlives_its_worker(who: str, tmp_path: Path) -> None:
+    """One that is killed while it writes a mesh has a folder for it."""
+    ours = tmp_path / "ours"
+    ours.mkdir()
+    code = """if True:
+        from test_supervisor import WRITING, supervisor
+        with supervisor() as one:
+            print(one._process.pid, flush=True)
+            while True:
+                one.answer(WRITING)
+        """
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
+        env=os.environ | {FOLDER: str(ours), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    ) as running:  # fmt: skip
+        try:
+            assert running.stdout is not None
+            forking = int(running.stdout.readline())
+            for _ in range(3 if who == "worker" else 1):
+                written = until_a_mesh_is_written(ours)
+                number = family(forking)[1] if who == "worker" else forking
+                os.kill(running.pid if who == "supervisor's process" else number, signal.SIGKILL)
+                until_gone(written)
+        finally:
+            running.kill()
+    # A new one that has been started meanwhile finds out when its kernels are loaded.
+    until(lambda: not any(ours.iterdir()), 300.0)
 
 
 @pytest.mark.parametrize("at_work", [False, True])

@@ -94,8 +94,8 @@ class World:
             assert content == own_content(self.store.runs[run_id].tags["freemesh.id"])
         for run_id, before in self.others.items():
             assert self.store.runs[run_id].told() == before
-        ids = {run.tags.get("freemesh.id") for run in self.store.runs.values()}
-        assert {key.removeprefix("mlflow.sharedViewState.freemesh-") for key in self.store.views} <= ids
+        ours = self.store.runs.keys() - self.others.keys()
+        assert {key.removeprefix("mlflow.sharedViewState.freemesh-") for key in self.store.views} <= ours
 
 
 @pytest.fixture
@@ -510,12 +510,18 @@ def test_a_journal_neither_describes_nor_deletes_the_run_of_another(tags: str, w
     whole = [json.loads(line) for line in path.read_text().splitlines()]
     summary = {"kind": "summary", "time": 2000, "step": 2, "text": "ours now", "values": {"loss": 0.0}, "charts": {}}
     write(path, [*whole, summary, {"kind": "delete", "time": 2001}], state(world.store.url, other))
+    # Of the other's page, be it named by its id or by MLflow's.
+    pages = {f"mlflow.sharedViewState.freemesh-{name}": "theirs" for name in (path.stem, other)}
+    world.store.views |= pages
     world.deliver()
+    assert world.store.views.items() >= pages.items()
+    for name in pages:
+        del world.store.views[name]
     world.check()
     (own,) = [run for run in world.store.runs.values() if run.run_id not in world.others]
     assert own.stage == "deleted"
     assert own.tags["mlflow.note.content"].endswith("ours now")
-    assert list(world.store.views) == [f"mlflow.sharedViewState.freemesh-{path.stem}"]
+    assert list(world.store.views) == [f"mlflow.sharedViewState.freemesh-{own.run_id}"]
 
 
 BOOTED = owner_module._booted()

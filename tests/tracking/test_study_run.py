@@ -141,8 +141,8 @@ def test_a_variants_run_is_below_the_study_with_what_it_sets(folder: Path, uri: 
 def test_the_view_draws_what_the_runs_have(folder: Path, uri: str):
     run = ended(folder, uri)
     experiment = mlflow_store.connect(uri).get_experiment_by_name("test")
-    view = json.loads(experiment.tags[f"{charts.VIEW}{charts.key(str(run.id))}"])
-    assert run.page == charts.study_page(experiment.experiment_id, str(run.id))
+    view = json.loads(experiment.tags[f"{charts.VIEW}{charts.key(str(run.run_id))}"])
+    assert run.page == charts.study_page(experiment.experiment_id, str(run.run_id))
     assert view["searchFilter"] == f"tags.`mlflow.parentRunId` = '{run.run_id}'"
     sections = [section["uuid"] for section in view["compareRunSections"]]
     assert sections[:3] == ["curves", "seeds", "finals"]
@@ -325,14 +325,15 @@ def test_the_command_reports_to_the_store_that_the_study_was_tracked_to(
 ):
     monkeypatch.setenv("FREEMESH_HOME", str(folder.parents[1]))
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    with MLflowRun(folder, uri=uri, experiment="freemesh", name="algorithms", flush_seconds=60) as run:
+    with MLflowRun(folder, uri=uri, experiment="freemesh", name="algorithms", flush_seconds=60):
         pass
     assert main(["report", "algorithms", "--episodes", "1"]) == 0
     *_, command, address = capsys.readouterr().err.splitlines()
     assert command.endswith("mlflow.db")
     experiment = mlflow_store.connect(uri).get_experiment_by_name("freemesh").experiment_id
-    assert address == f"http://127.0.0.1:5000/{charts.study_page(experiment, str(run.id))}"
     found = runs(uri)
+    page = charts.study_page(experiment, found["algorithms"].info.run_id)
+    assert address == f"http://127.0.0.1:5000/{page}"
     assert set(found) == {"algorithms", *ALGORITHMS}
     report = Path(found["algorithms"].info.artifact_uri.removeprefix("file://")) / "report" / "report.html"
     assert report.read_bytes() == (folder / "report" / "report.html").read_bytes()

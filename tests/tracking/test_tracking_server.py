@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sqlite3
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -151,6 +154,35 @@ def test_trials_of_processes_of_their_own_hang_below_the_study(story: Story):
     parents = {name: run.data.tags.get("mlflow.parentRunId") for name, run in story.after.items()}
     study = story.after["study"].info.run_id
     assert parents == {"study": None, "trial-0": study, "trial-1": study, "trial-2": study}
+
+
+def test_a_server_that_is_stopped_holds_up_nothing_and_gets_everything_once(
+    served_store: Server, tmp_path: Path
+) -> None:
+    """It accepts connections (the kernel does), and answers none."""
+    with MLflowRun(tmp_path, uri=served_store.url, experiment="stopped", name="run", flush_seconds=1) as run:
+        run.metrics({"loss": 0.0}, 0)
+        assert run.wait(60)
+        os.killpg(served_store.pid, signal.SIGSTOP)
+        try:
+            for step in range(1, 1000):
+                run.metrics({"loss": step / 7}, step)
+            run.close()
+            # It is over, and nobody has let the server go on.
+            (journal,) = tmp_path.rglob("*.jsonl")
+            assert journal.read_text().count('"metrics"') == 1000
+        finally:
+            os.killpg(served_store.pid, signal.SIGCONT)
+    client = mlflow_store.connect(served_store.url)
+    deadline = time.monotonic() + 300
+    while True:  # the run's own thread may be amid a request that the server has begun to answer
+        sync(tmp_path, served_store.url)
+        (found,) = client.search_runs([client.get_experiment_by_name("stopped").experiment_id])
+        if found.info.status == "FINISHED":
+            break
+        assert time.monotonic() < deadline
+        time.sleep(1)
+    assert history(client, found, "loss") == [(step, step / 7) for step in range(1000)]
 
 
 def test_no_record_waited_for_the_dead_server(story: Story):

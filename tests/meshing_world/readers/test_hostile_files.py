@@ -127,7 +127,8 @@ HOSTILE: dict[str, tuple[str, Callable[[], str], str | None]] = {
         ".dxf", lambda: dxf(frame(9) + "".join(line(i / 9e4, 1, (i + 0.5) / 9e4, 1) for i in range(20_000))), None),
     "a scribble of open lines": (
         ".dxf", lambda: dxf(frame(1) + "".join(line(x, y, u, v) for x, y, u, v in
-                                               np.random.default_rng(0).random((5000, 4)).tolist())), "join them with --join"),
+                                               np.random.default_rng(0).random((5000, 4)).tolist())),
+        "join them with --join"),
     "elements in elements": (".svg", lambda: "<svg>" + "<g>" * 100_000, "200,000 elements, or 100 in each other"),
     "elements used by elements that are used": (
         ".svg", lambda: "<svg><path id='u0' d='M0 0H1V1z'/>" + "".join(
