@@ -44,8 +44,7 @@ def new_folder() -> Path:
         _, number, began, _ = left.name.split("-")
         if not Process(int(number), int(began)).alive:
             shutil.rmtree(left, ignore_errors=True)
-    began = this.began if this else 0
-    name = f"worker-{os.getpid()}-{began}-{secrets.token_hex(8)}"  # which nobody can guess
+    name = f"worker-{os.getpid()}-{this.began if this else 0}-{secrets.token_hex(8)}"  # which nobody can guess
     return Path(private or tempfile.gettempdir()) / name
 
 
