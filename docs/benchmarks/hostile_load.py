@@ -55,7 +55,7 @@ def costliest(limits: Limits) -> tuple[str, bytes]:
     """The path and the body of about the largest meshes that are made."""
     side = math.sqrt(0.98 * limits.elements)
     square = {"type": "Polygon", "coordinates": [[[0, 0], [side, 0], [side, side], [0, side], [0, 0]]]}
-    return f"/mesh?edge_length=1&best_of={limits.best_of}", json.dumps(square).encode()
+    return f"/mesh?edge_length=1&best_of={limits.best_of}&effort=thorough", json.dumps(square).encode()
 
 
 async def post(port: int, path: str, body: bytes) -> int:

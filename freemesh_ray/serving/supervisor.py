@@ -16,6 +16,7 @@ from http import HTTPStatus
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from freemesh_ray.local_ray.processes import Process, process
 from freemesh_ray.local_ray.variables import FOLDER
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, refusal
@@ -31,6 +32,20 @@ SLACK = 5.0
 
 class WorkerError(RuntimeError):
     """A worker process that ends before it is ready."""
+
+
+def new_folder() -> Path:
+    """Where a process that forks workers is to make their folder; those whose supervisors were killed are removed.
+
+    It removes the folder itself when its supervisor is gone, unless it was killed with it, as Ray does.
+    """
+    private, this = os.environ.get(FOLDER), process(os.getpid())
+    for left in Path(private).glob("worker-*-*-*") if private and this else ():
+        _, number, began, _ = left.name.split("-")
+        if not Process(int(number), int(began)).alive:
+            shutil.rmtree(left, ignore_errors=True)
+    name = f"worker-{os.getpid()}-{this.began if this else 0}-{secrets.token_hex(8)}"  # which nobody can guess
+    return Path(private or tempfile.gettempdir()) / name
 
 
 class Supervisor:
@@ -63,8 +78,7 @@ class Supervisor:
         if self.alive():
             return
         self.stop()
-        # The process makes it, and removes it when this one is gone; the name is one that nobody can guess.
-        self._folder = Path(os.environ.get(FOLDER) or tempfile.gettempdir()) / f"worker-{secrets.token_hex(8)}"
+        self._folder = new_folder()
         self._control, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(

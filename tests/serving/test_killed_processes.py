@@ -170,7 +170,7 @@ def test_another_account_gets_nothing_of_it(service: Server) -> None:
 )
 def test_it_serves_again(service: Server, name: str, number: signal.Signals) -> None:
     assert meshes(service, 30.0)
-    victim = PROCESSES[name](service)
+    victim, before = PROCESSES[name](service), files(service)
     with Probe(service) as probe:
         began = time.monotonic()
         os.kill(victim, number)
@@ -182,6 +182,13 @@ def test_it_serves_again(service: Server, name: str, number: signal.Signals) -> 
         took = time.monotonic() - began
     print(f"{name}, {number.name}: served again after {took:.1f} s, health wrong for {probe.wrong:.1f} s")
     assert probe.wrong <= WRONG * PATIENCE
+    until(lambda: len(files(service)) <= len(before), AGAIN * PATIENCE)
+
+
+def files(service: Server) -> set[Path]:
+    """What lies in the service's folder, but for logs, which stay, and a mesh that is being written."""
+    root = folder_of_ray(service)
+    return {path for path in root.rglob("*") if "logs" not in path.parts and not path.name.startswith("tmp")}
 
 
 def test_it_serves_again_after_a_sleep(service: Server) -> None:

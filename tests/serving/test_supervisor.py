@@ -23,7 +23,7 @@ from freemesh_ray.serving.answer import MeshRequest
 from freemesh_ray.serving.lanes import COSTLY, QUICK
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.parameters import Parameters
-from freemesh_ray.serving.supervisor import Supervisor
+from freemesh_ray.serving.supervisor import Supervisor, new_folder
 
 SHEET = json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]]}).encode()
 #: A mesh of 48 elements, one of 83,000, and one of a quarter million.
@@ -216,6 +216,17 @@ def test_no_temporary_file_outlives_its_worker(who: str, tmp_path: Path) -> None
             running.kill()
     # A new one that has been started meanwhile finds out when its kernels are loaded.
     until(lambda: not any(ours.iterdir()), 300.0)
+
+
+def test_folders_of_killed_supervisors_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray kills what a mesher has started with it: the process that would have removed the folder is gone, too."""
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    ours, other = new_folder(), tmp_path / "another"
+    left = tmp_path / f"worker-{os.getpid()}-1-ab"  # of an earlier process of this number
+    for folder in (ours, other, left, left / "tmp1"):
+        folder.mkdir()
+    assert new_folder() not in (ours, left)
+    assert sorted(tmp_path.iterdir()) == sorted([ours, other])
 
 
 @pytest.mark.parametrize("at_work", [False, True])

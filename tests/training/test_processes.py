@@ -24,8 +24,11 @@ pytestmark = [
 ]
 
 OTHERS = {"env runner": "ray::TransitionEnvRunner", "learner": "ray::_WrappedExecutable", "guard": "local_ray.guard"}
-#: Seconds until it trains again: a machine that does nothing else needs a tenth of them; see docs/faults.md.
-PATIENCE = 90.0
+#: By how much the seconds below are too short for two cores on which other tests run; what is configured is held to
+#: them by tests/local_ray/test_deadlines.py.
+BUSY = float(os.environ.get("FREEMESH_PATIENCE", "6"))
+#: Seconds until it trains again, and until it has ended; docs/faults.md has what was measured.
+AGAIN, ENDED = 15.0 * BUSY, 10.0 * BUSY
 
 
 class Patient:
@@ -38,10 +41,15 @@ class Patient:
         """Of the newest checkpoint."""
         return max((int(path.name[5:]) for path in self.folder.glob("checkpoints/step_*")), default=0)
 
+    def files(self) -> set[Path]:
+        """What lies among the temporary files: sockets, folders, shared memory; logs, which stay, left out."""
+        ours = {path for path in self.temporary.rglob("*") if "logs" not in path.parts}
+        return ours | set(Path("/dev/shm").glob("*ray*"))
+
     def trains_on(self, what: str) -> None:
         """Wait until it has trained on from now, and tell how long it took."""
         then = self.steps() + 2000  # the next one may be about to be written
-        print(f"{what}: {self.command.until(lambda: self.steps() > then, PATIENCE, what):.1f} s")
+        print(f"{what}: {self.command.until(lambda: self.steps() > then, AGAIN, what):.1f} s")
 
     def send(self, number: signal.Signals, name: str) -> int:
         """A signal to one of its processes; the process."""
@@ -97,7 +105,7 @@ def test_another_account_gets_nothing_of_it(patient: Patient) -> None:
 @pytest.mark.parametrize("name", [*RAY, *OTHERS])
 def test_a_process_that_is_stopped_goes_on(name: str, patient: Patient) -> None:
     victim = patient.send(signal.SIGSTOP, name)
-    patient.command.until(lambda: state(victim) != "T", PATIENCE, f"{name} goes on")
+    patient.command.until(lambda: state(victim) != "T", AGAIN, f"{name} goes on")
     patient.trains_on(f"{name} stopped")
 
 
@@ -123,16 +131,18 @@ def test_what_a_shell_has_stopped_stays_so_until_it_is_let_go_on(patient: Patien
 
 @pytest.mark.parametrize("name", ["monitor", "dashboard", "log monitor", "guard", "env runner", "learner"])
 def test_a_process_that_is_killed_is_replaced_or_not_needed(name: str, patient: Patient) -> None:
+    before = patient.files()
     patient.send(signal.SIGKILL, name)
     time.sleep(0.2)
     patient.trains_on(f"{name} killed")
+    assert patient.files() - before == set()
 
 
 def test_its_raylet_s_death_is_its_end_and_it_goes_on_from_the_last_checkpoint(patient: Patient) -> None:
     steps = patient.steps()
     began = time.monotonic()
     patient.send(signal.SIGKILL, "raylet")
-    assert patient.command.ended(PATIENCE) == 1
+    assert patient.command.ended(ENDED) == 1
     print(f"{time.monotonic() - began:.1f} s")
     (line,) = [each for each in patient.command.output.splitlines() if each.startswith("freemesh: ")]
     # Ray's own code may end the command first, and only the guard be left to tell.
