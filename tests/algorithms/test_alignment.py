@@ -45,6 +45,7 @@ def test_what_is_aligned_is_the_same_and_copied_only_where_it_must_be(address: i
     assert (found is given) == (address == 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_config", [SACConfig, TD3Config, DDPGConfig])
 def test_a_learner_learns_the_same_from_minibatches_anywhere(make_config: type[OffPolicyConfig]) -> None:
     rows = batch(3)
@@ -58,6 +59,7 @@ def test_a_learner_learns_the_same_from_minibatches_anywhere(make_config: type[O
             assert torch.equal(tensor, expected[name]), (name, address)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_config", [SACConfig, TD3Config, DDPGConfig])
 def test_a_learner_goes_on_the_same_from_a_state_anywhere(make_config: type[OffPolicyConfig]) -> None:
     begun = learner(make_config(), hidden=NARROW)

@@ -82,6 +82,7 @@ def learnt(config: OffPolicyConfig, *, by_autograd: bool = False) -> tuple[dict[
     return {name: tensor - start[name] for name, tensor in module(built).state_dict().items()}, figures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_config", LEARNERS)
 @pytest.mark.parametrize("by_autograd", [False, True])
 def test_a_learner_goes_the_same_way_with_either(make_config: type[OffPolicyConfig], by_autograd: bool) -> None:
@@ -95,6 +96,7 @@ def test_a_learner_goes_the_same_way_with_either(make_config: type[OffPolicyConf
         assert float(figures[name]) == pytest.approx(float(told[name]), rel=0.05, abs=0.05)
 
 
+@pytest.mark.slow
 def test_set_weights_are_those_that_it_goes_on_with() -> None:
     config = SACConfig().training(precision="bfloat16")
     one, other = learner(config), learner(config.copy(copy_frozen=False), seed=5)
@@ -120,6 +122,7 @@ def test_auto_rounds_where_the_processor_can(
     assert bfloat16.wanted(precision, torch.device(device)) is rounds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("there", [True, False])
 def test_a_learner_takes_auto(there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bfloat16, "native", lambda: there)

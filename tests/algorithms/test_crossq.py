@@ -53,6 +53,7 @@ def test_a_batch_of_its_own_corrects_at_most_so_far(monkeypatch: pytest.MonkeyPa
     assert norm(x).abs().max() <= crossq.MOST_SHIFT + crossq.MOST_SCALE * 5.0
 
 
+@pytest.mark.slow
 def test_it_learns_without_targets() -> None:
     """With rewards of -|a - 0.5|^2 and no future the actor goes to 0.5."""
     settings = {"gamma": 0.0, "initial_alpha": 0.01, "actor_lr": 3e-3, "critic_lr": 1e-2, "policy_delay": 1}

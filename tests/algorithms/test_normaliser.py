@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,6 +59,7 @@ def test_folded_layers_do_the_same_to_plain_observations() -> None:
         np.testing.assert_allclose(values, network(seen).detach().numpy(), rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_learner_s_networks_see_normalised_observations() -> None:
     """Shifted and scaled observations teach the same as the plain ones."""
     shifted = batch(20)
@@ -74,6 +76,7 @@ def test_a_learner_s_networks_see_normalised_observations() -> None:
     assert not torch.equal(ways[0].normaliser.mean, ways[1].normaliser.mean)
 
 
+@pytest.mark.slow
 def test_it_is_in_the_state() -> None:
     built, again = (learner(SACConfig().training(normalise_observations=True)) for _ in range(2))
     update(built, batch(3))

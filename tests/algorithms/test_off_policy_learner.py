@@ -18,6 +18,7 @@ from freemesh_ray.algorithms.td3 import TD3Config
 pytestmark = pytest.mark.parametrize("config", [SACConfig, TD3Config, DDPGConfig])
 
 
+@pytest.mark.slow
 def test_a_restored_learner_goes_on_as_the_original(config: type[OffPolicyConfig]) -> None:
     """Weights, optimizers, the random state of the noise, and where the delay of the policy stands."""
     built, again = learner(config()), learner(config(), seed=9)

@@ -12,6 +12,7 @@ from ray.rllib.core.columns import Columns
 from freemesh_ray.algorithms.sac import SACConfig
 
 
+@pytest.mark.slow
 def test_a_restored_learner_has_the_temperature() -> None:
     """RLlib's SAC forgets it."""
     built, again = learner(SACConfig()), learner(SACConfig())

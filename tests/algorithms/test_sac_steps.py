@@ -48,6 +48,7 @@ def part(rows: dict[str, np.ndarray], first: int, last: int) -> dict[str, np.nda
     return {name: column[first * BATCH : last * BATCH] for name, column in rows.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [1, 2, 3])
 def test_they_are_the_steps_one_by_one(delay: int) -> None:
     ours, theirs = built(policy_delay=delay), built(policy_delay=delay, one_by_one=True)
@@ -62,6 +63,7 @@ def test_they_are_the_steps_one_by_one(delay: int) -> None:
         assert not torch.equal(found, start[name]), name
 
 
+@pytest.mark.slow
 def test_many_in_one_call_are_as_many_calls() -> None:
     rows, ours, theirs = batch(6), built(policy_delay=2), built(policy_delay=2)
     update(ours, rows)
@@ -71,6 +73,7 @@ def test_many_in_one_call_are_as_many_calls() -> None:
         assert torch.equal(found, weights(theirs)[name]), name
 
 
+@pytest.mark.slow
 def test_a_state_is_taken_over_bit_for_bit() -> None:
     """By another, and by one that takes the steps one by one, which goes on alike."""
     rows, ours, other, plain = batch(6), built(), built(), built(one_by_one=True)
@@ -105,6 +108,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return calls
 
 
+@pytest.mark.slow
 def test_it_is_used_where_the_step_is_sac_s_own(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = counted(monkeypatch)
     found = built()

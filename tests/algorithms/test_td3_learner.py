@@ -46,6 +46,7 @@ def test_settings_out_of_range_are_refused(settings: dict[str, Any], message: st
         TD3Config().environment("Pendulum-v1").training(**settings).validate()
 
 
+@pytest.mark.slow
 def test_between_two_steps_of_the_actor_the_loss_of_its_last_one_is_told() -> None:
     """Of a figure that was told once, RLlib tells a nan where there is no new one, and a nan ends the training."""
     built = learner(TD3Config().training(policy_delay=4))

@@ -44,6 +44,7 @@ def updated(
     return built, told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-9), (torch.float32, 1e-3)])
 @pytest.mark.parametrize(("make_config", "settings"), CASES)
 def test_they_are_the_papers_losses_differentiated(

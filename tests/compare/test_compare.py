@@ -74,6 +74,7 @@ MESHERS = [
 # ---- rows ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_failures_are_rows(tmp_path: Path) -> None:
     seen: list[Row] = []
     done = compare([square("a"), square("b", 3.0)], MESHERS, tmp_path, seen.append)
@@ -91,6 +92,7 @@ def test_pictures_can_be_left_out(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"comparison.md", "comparison.csv", "comparison.json"}
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_what_is_finished(tmp_path: Path) -> None:
     def interrupted(domain: Domain) -> list[MixedMesh]:
         if domain.name == "b":
@@ -303,6 +305,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_ours_and_a_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["compare", "square.json", "--policy", "policy.npz", "--peers", "none", "--mesh", "pave=pave.inp"]
     assert command.main([*arguments, "--out", "found"]) == 0
@@ -339,6 +342,7 @@ def test_gmsh_on_a_domain_of_the_catalogue(folder: Path, capsys: pytest.CaptureF
     assert sorted(path.name for path in folder.iterdir()) == ["pave.inp", "policy.npz", "square.json"]
 
 
+@pytest.mark.slow
 def test_missing_peers_are_left_out(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -356,6 +360,7 @@ def test_missing_peers_are_left_out(
     assert "- netgen: netgen is not installed; pip install netgen-mesher" in absences
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "words"), [
     (["T11"], "T1"),
     (["square.json", "--peers", "gmsch"], "'gmsch' is no peer: use gmsh-default"),

@@ -122,6 +122,7 @@ def test_what_it_cannot_do_is_one_line(script: str, words: str, program) -> None
         mesh(square(), "fastq")
 
 
+@pytest.mark.slow
 def test_one_that_does_not_end_is_ended_with_what_it_began(
     program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # type: ignore[no-untyped-def]

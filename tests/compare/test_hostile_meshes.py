@@ -35,6 +35,7 @@ def packed_vtu(size: int) -> str:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "content", "message"), [
     ("laughs.vtu", LAUGHS, "cannot be read"),
     ("packed.vtu", packed_vtu(400_000_000), "cannot be read"),
@@ -55,6 +56,7 @@ def test_hostile_meshes_are_one_line(
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.slow
 def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "mesh.vtu"
     path.write_text("<a/>")

@@ -44,6 +44,7 @@ def counting(count: Callable[[float], float]) -> tuple[Callable[[Domain, float],
     return resized, asked
 
 
+@pytest.mark.slow
 @given(st.integers(50, 5000), st.floats(0.3, 3.0), st.floats(0.7, 2.5), st.floats(0, 0.04))
 def test_a_number_that_can_be_reached_is(wanted: int, at: float, power: float, noise: float) -> None:
     def count(factor: float) -> float:
@@ -60,6 +61,7 @@ def test_a_number_that_can_be_reached_is(wanted: int, at: float, power: float, n
     assert len(set(asked)) == len(asked)
 
 
+@pytest.mark.slow
 @given(st.integers(20, 2000), st.integers(20, 2000), st.floats(0.5, 2.0))
 def test_what_cannot_be_reached_is_told_with_the_nearest(low: int, high: int, step: float) -> None:
     assume(low < high)
@@ -138,6 +140,7 @@ def test_matching_nothing_is_one_line(capsys: pytest.CaptureFixture[str]) -> Non
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_command_matches_elements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         named_meshers, "peer_mesh", lambda domain, name, *factor: strip(round(500 / (*factor, 1.0)[0]), name)

@@ -169,6 +169,7 @@ def fails(domain: Domain, name: str) -> MixedMesh:
     raise PeerError(f"{name}: no")
 
 
+@pytest.mark.slow
 def test_a_call_in_a_child_process_may_crash_or_fail() -> None:
     with pytest.raises(ChildDiedError):
         in_child_process(dies, load("T1"), "x")
@@ -176,6 +177,7 @@ def test_a_call_in_a_child_process_may_crash_or_fail() -> None:
         in_child_process(fails, load("T1"), "x")
 
 
+@pytest.mark.slow
 def test_the_crash_of_a_peer_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gmsh_mesher, "mesh", dies)
     with pytest.raises(PeerError, match="crashed"):

@@ -174,6 +174,7 @@ def test_overlays_say_what_they_are_for():
 # ---- properties ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.fixed_dictionaries({}, optional={key: values_of(key, field) for key, field in SCHEMA.items()}))
 def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
@@ -198,6 +199,7 @@ def test_what_is_dumped_loads_to_the_same_tree(tmp_path: Path, chosen: dict):
             assert flatten(config)[key] == flatten({key: value})[key], key
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 10**9))
 def test_whole_numbers_may_be_written_as_floats(steps: int):
@@ -207,6 +209,7 @@ def test_whole_numbers_may_be_written_as_floats(steps: int):
         assert type(value) is int
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.floats(1e-9, 1.0))
 def test_every_way_to_write_a_float_is_read(rate: float):
@@ -362,6 +365,7 @@ def test_deep_nesting_is_refused_not_crashed(tmp_path: Path):
         load([written("name: " + "[" * 5000, tmp_path)])
 
 
+@pytest.mark.slow
 def test_bounds_are_part_of_the_range():
     for key, field in SCHEMA.items():
         if field.kind in (int, float) and not field.many and math.isfinite(field.low):

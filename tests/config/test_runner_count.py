@@ -17,6 +17,7 @@ def tree(**settings: Any) -> dict[str, Any]:
     return config.load([], [f"{key.replace('__', '.')}={value}" for key, value in settings.items()])
 
 
+@pytest.mark.slow
 @given(
     cores=st.integers(1, 64), learners=st.sampled_from([0, 1, 2, 4]), updates=st.floats(1e-4, 4.0),
     fragment=st.integers(1, 256), algorithm=st.sampled_from(["sac", "td3", "ppo"]),

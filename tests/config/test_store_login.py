@@ -93,6 +93,7 @@ def test_no_tree_of_settings_has_it(way: str, tmp_path: Path, monkeypatch: pytes
     assert paths.resolved(tree)["tracking"]["uri"] == BARE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["set", "settings", "variant"])
 def test_no_definition_of_a_study_has_it(way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FREEMESH_HOME", str(tmp_path))

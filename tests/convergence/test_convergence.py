@@ -55,6 +55,7 @@ def test_what_the_elements_hold_is_solved_exactly(kind: str) -> None:
     assert max(laplace.errors(grid(6, kind), plane, gradient, None).values()) < 1e-12
 
 
+@pytest.mark.slow
 def test_a_finer_boundary_makes_a_solution_more_accurate() -> None:
     make = ours(maker(SHIPPED["even"]))
     found = [solved.errors or {} for solved in run("square", square.SQUARE, [make], 4, lambda solved: None)]
@@ -64,6 +65,7 @@ def test_a_finer_boundary_makes_a_solution_more_accurate() -> None:
         assert fine["L2"] / coarse["L2"] <= 0.27
 
 
+@pytest.mark.slow
 def test_the_error_of_a_singular_solution_falls_more_slowly() -> None:
     make = ours(maker(SHIPPED["medium"]))
     found = run("l_shape", l_shape.L_SHAPE, [make], 3, lambda solved: None)
@@ -99,6 +101,7 @@ def test_kirschs_stress_is_that_of_its_displacement_and_leaves_the_hole_free() -
     assert kirsch.stress(np.array(0.0), np.array(1.0))[0, 0] == pytest.approx(3)
 
 
+@pytest.mark.slow
 def test_kirschs_error_falls() -> None:
     found = run("kirsch", kirsch.KIRSCH, [ours(maker(SHIPPED["even"]))], 3, lambda solved: None)
     first, _, last = [(solved.errors or {})["energy"] for solved in found]
@@ -106,6 +109,7 @@ def test_kirschs_error_falls() -> None:
     assert last < 0.04
 
 
+@pytest.mark.slow
 def test_the_drag_of_the_cylinder() -> None:
     mesh = maker(SHIPPED["medium"])(cylinder.domain(0.04)).finished
     assert cylinder.errors(assembled("x", mesh.vertices, mesh.quads, [], 0.0))["drag"] < 0.06

@@ -91,6 +91,7 @@ def test_objects_match_kuberays_fields(objects: list[dict[str, Any]]) -> None:
             manifests.check("kuberay.yaml", f"{made['kind']}Object").validate(made)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("KUBERAY_CRDS" not in os.environ, reason="KUBERAY_CRDS names no folder of KubeRay's CRD files")
 def test_objects_match_kuberays_schemas() -> None:
     """Those of the files ``ray.io_*.yaml`` of a KubeRay release, from its folder ray-operator/config/crd/bases."""

@@ -71,6 +71,7 @@ def test_jobs_are_submitted_through_loopback(words: list[str], in_a_cluster: dic
     check_job(list(context.params["entrypoint"]), in_a_cluster)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", of("python"))
 def test_jobs_are_valid(words: list[str], in_a_cluster: dict[str, str]) -> None:
     check_job(words, in_a_cluster)

@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, requires
 from urllib.parse import quote
 
 import manifests
+import pytest
 from manifests import DEPLOY, DIGEST, DOCKERFILE, LOCKED, LOCKED_DEV, ROOT, SERVICES, is_secret, templates
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -64,6 +65,7 @@ def test_the_makefile_installs_by_hash_what_is_locked() -> None:
     assert re.fullmatch(rf"torch=={LOCKED['torch']}( \\\n    --hash=\S+)+\n", done.stdout)
 
 
+@pytest.mark.slow
 def test_the_locks_hold_all_and_nothing_twice() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert not LOCKED.keys() & LOCKED_DEV.keys()
@@ -74,6 +76,7 @@ def test_the_locks_hold_all_and_nothing_twice() -> None:
         assert not re.search(r"^[^#]*(://|index|find-links)", (ROOT / lock).read_text(), re.M)
 
 
+@pytest.mark.slow
 def test_what_is_installed_is_what_is_locked() -> None:
     """The bill of materials of this environment, in CycloneDX's form."""
     line = [sys.executable, "-I", DEPLOY / "bom.py"]

@@ -25,6 +25,7 @@ def run(name: str, *arguments: str, folder: Path) -> subprocess.CompletedProcess
     return done
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [

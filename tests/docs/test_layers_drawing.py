@@ -67,6 +67,7 @@ def test_few_files_lie_beside_the_packages_of_the_meshing_world() -> None:
     assert len(list((ROOT / "envs").glob("*.py"))) <= LOOSE
 
 
+@pytest.mark.slow
 def test_the_packages_and_the_imports_between_them_are_as_many_as_the_page_says() -> None:
     said = re.search(r"(\d+) packages, with (\d+) arrows", (ROOT / "docs" / "how-it-works.md").read_text())
     assert said is not None

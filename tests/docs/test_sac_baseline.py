@@ -298,6 +298,7 @@ def test_an_evaluation_is_each_environment_s_first_episode(hexagon: str, monkeyp
     assert len(set(lengths)) > 1
 
 
+@pytest.mark.slow
 def test_one_seed_one_training() -> None:
     """And evaluations leave it as it is."""
     first, again = train("first")[0], train("again")[0]

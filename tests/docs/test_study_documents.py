@@ -29,6 +29,7 @@ def number(cell: str) -> str | float:
         return cell
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDS)
 def test_the_tables_of_a_study_are_what_its_records_give(name: str, tmp_path: Path) -> None:
     """Studies without records are not among them: their run folders are gone."""

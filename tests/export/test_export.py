@@ -132,6 +132,7 @@ def test_middle_nodes_are_shared_halfway_and_numbered_after_the_corners(mesh: Me
 # ---- other readers ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quadratic", [False, True])
 def test_vtk_reads_the_vtu(tmp_path: Path, quadratic: bool):
     vtk = pytest.importorskip("vtk")

@@ -62,6 +62,7 @@ def test_faces_of_a_hexahedron_look_outwards_and_middles_lie_between(nodes: int)
         assert np.array_equal(middle, (places[a] + places[b]) / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nodes", NODES)
 def test_vtk_has_its_nodes_where_vtk_says(nodes: int):
     cells = pytest.importorskip("vtk")
@@ -99,6 +100,7 @@ def test_gmsh_has_its_nodes_where_gmsh_says(nodes: int):
 # ---- nodes of a higher order -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nodes", NODES)
 @given(mesh=meshes())
 def test_nodes_are_where_the_element_has_them(nodes: int, mesh: Mesh):

@@ -447,6 +447,7 @@ def test_work_is_bounded() -> None:
     assert counts[-1] > counts[0]
 
 
+@pytest.mark.slow
 def test_a_whole_domain_tried_in_vain_costs_patches_no_work() -> None:
     """It is no disc of few reflex corners that rows fill, so that all that changes it are patches."""
     mesh = freemesh_ray.mesh("part-31002", effort="quick").result.finished

@@ -120,6 +120,7 @@ class Tags(HTMLParser):
         self.found.append(tag)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE)
 def test_files_of_a_mesh_hold_its_name_and_nothing_of_it_works(name: str, tmp_path: Path) -> None:
     mesh = Mesh.from_domain(from_object(SQUARE, name)[0])
@@ -142,6 +143,7 @@ def test_files_of_a_mesh_hold_its_name_and_nothing_of_it_works(name: str, tmp_pa
     assert pages[0] == pages[1]
 
 
+@pytest.mark.slow
 def test_pictures_show_any_label(tmp_path: Path) -> None:
     mesh = Mesh.from_domain(from_object(SQUARE, "square")[0])
     labels = list(HOSTILE)
@@ -207,6 +209,7 @@ def ways(source: str) -> set[str]:
     return found | ({"escape"} if texts & {"\\|", "&lt;", "\\u003c", "\x1b"} else set())
 
 
+@pytest.mark.slow
 def test_there_is_one_way_to_each_place() -> None:
     assert ways("import csv\ncsv.writer(f)\nprint(1)\nx.replace('|', '\\\\|')") == {"csv.writer", "print", "escape"}
     for path in [*(ROOT / "envs").rglob("*.py"), *(ROOT / "freemesh_ray").rglob("*.py")]:

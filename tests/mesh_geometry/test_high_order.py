@@ -124,6 +124,7 @@ def test_the_area_falls_to_the_exact_one_at_order_k_plus_one_or_two(name: str, o
     assert np.log2(chords[0] / chords[1]) <= 2.2
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(orders, st.integers(1, 6), st.floats(0.15, 1.0), st.floats(0.3, 0.6))
 def test_elements_in_discs_and_ellipses_are_not_turned_over(order: int, n: int, ratio: float, core: float) -> None:
@@ -133,6 +134,7 @@ def test_elements_in_discs_and_ellipses_are_not_turned_over(order: int, n: int, 
     assert found.off_curve == 0.0
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(orders, st.integers(8, 24), st.floats(0.004, 0.3), st.integers(2, 20))
 def test_thin_rows_beside_a_curve_bend_with_it(order: int, n: int, first: float, rows: int) -> None:

@@ -50,6 +50,7 @@ def test_units_and_scale_are_kept(scale: float) -> None:
     assert np.ptp(made.vertices, axis=0) == pytest.approx(scale * np.ptp(OUTLINE, axis=0))
 
 
+@pytest.mark.slow
 def test_a_size_that_is_said_inside_is_kept_to(tmp_path: Path) -> None:
     """Small elements around a point, said in four ways; sizes grow from there to the boundary."""
     parameters = MeshingParameters(scale="size", density="local")
@@ -123,6 +124,7 @@ def test_shipped_policies_tell_where_they_come_from(path: Path) -> None:
     assert path.name in (path.parent / "README.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_density_decides_how_many_elements() -> None:
     """Over several domains: on a single one the three trainings may well agree."""
     outlines = [load(name).vertices for name in ("D1", "D5", "D6", "D7")]
@@ -143,6 +145,7 @@ def test_even_elements_are_as_long_as_the_boundary_s_segments(count: int) -> Non
     assert lengths.max() * count < 1.05
 
 
+@pytest.mark.slow
 def test_meshing_needs_neither_ray_nor_torch_nor_mlflow() -> None:
     code = (
         "import sys, freemesh_ray;"

@@ -110,6 +110,7 @@ def test_half_of_a_symmetric_plate_is_mirrored() -> None:
     assert {(0.0 - x, y) for x, y in there} == there
 
 
+@pytest.mark.slow
 def test_curved_sides_of_a_drawing_have_their_nodes_on_the_curve(tmp_path: Path) -> None:
     import meshio
 

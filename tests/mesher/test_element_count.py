@@ -33,6 +33,7 @@ def divided_square(*counts: int) -> Domain:
     return from_object(np.concatenate(sides))[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("density", SHIPPED)
 def test_meshes_are_about_as_large_as_expected(density: str) -> None:
     policy = Policy.load(SHIPPED[density])
@@ -46,6 +47,7 @@ def test_meshes_are_about_as_large_as_expected(density: str) -> None:
             assert least < made < 2.5, domain.name
 
 
+@pytest.mark.slow
 @given(scale=st.floats(1e-6, 1e6), width=st.floats(0.1, 10), size=st.floats(0.01, 0.05))
 def test_the_expectation_before_the_boundary_is_split_is_the_one_after(scale: float, width: float, size: float) -> None:
     outer = SQUARE * [width, 1.0] * scale
@@ -74,6 +76,7 @@ def test_a_boundary_given_in_full_is_counted_too(monkeypatch: pytest.MonkeyPatch
         mesh_domain(Policy.load(SHIPPED["medium"]), domain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ask", [
     lambda: freemesh_ray.mesh(SQUARE, edge_length=SMALL, allow_large=True),
     lambda: command.main(["mesh", "square.wkt", "--edge-length", str(SMALL), "-o", "square.obj", "--yes"]),

@@ -169,6 +169,7 @@ def test_a_four_ring_is_its_own_mesh_or_filled() -> None:
     assert mesh_domain(STUCK, dart).finished.defects(area=dart.area) == []
 
 
+@pytest.mark.slow
 def test_the_best_of_several_is_the_one_of_the_best_mean_quality() -> None:
     domain = load("T1")
     each = [mesh_once(BISECTOR, domain, (0, k), False, True, True, USUAL, NO_WISHES).finished for k in range(4)]
@@ -178,6 +179,7 @@ def test_the_best_of_several_is_the_one_of_the_best_mean_quality() -> None:
     assert best.quads.tobytes() == each[int(np.argmax(qualities))].quads.tobytes()
 
 
+@pytest.mark.slow
 def test_a_search_draws_where_a_plain_mesh_takes_the_mean_action() -> None:
     policy, domain = Policy.load(DEFAULT), load("T1")
     plain, searched, another = (
@@ -255,6 +257,7 @@ def sized(mean: tuple[float, float, float]) -> Policy:
     return Policy([(np.zeros((observation_size(parameters), 6), dtype=np.float32), bias)], parameters)
 
 
+@pytest.mark.slow
 def test_a_policy_of_sizes_meshes_with_every_remedy() -> None:
     for name in ("T1", "random:3", "D9"):
         domain = load(name)

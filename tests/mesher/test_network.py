@@ -35,6 +35,7 @@ def reference(network: Layers, x: np.ndarray) -> np.ndarray:
     return x @ network[-1][0] + network[-1][1]
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(1, 70), min_size=2, max_size=5), st.integers(0, 2**32 - 1))
 def test_outputs_are_those_of_the_layers(sizes: list[int], seed: int) -> None:
     made = layers(sizes, seed)
@@ -73,6 +74,7 @@ def test_actions_are_the_policy_s(parameters: MeshingParameters) -> None:
         np.testing.assert_allclose(action[:acted], expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_draws_follow_the_policy_s_distribution() -> None:
     policy = Policy(layers([15, 6], 3), MeshingParameters())
     compiled, action, random = agent(policy), np.empty(5), np.random.default_rng(4)
@@ -87,6 +89,7 @@ def test_draws_follow_the_policy_s_distribution() -> None:
         np.testing.assert_allclose(np.quantile(drawn, q, axis=0), np.quantile(expected, q, axis=0), atol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twins", [1, 2])
 def test_the_value_is_the_lesser_of_the_critics(twins: int) -> None:
     critic = layers([18, 24, 1], 6, (twins,))

@@ -109,7 +109,7 @@ def test_machine_code_lies_with_its_package(kernel: Any, package: Path) -> None:
     assert Path(kernel.stats.cache_path).is_relative_to(folder_of(PACKAGE, package))
 
 
-@pytest.mark.parametrize("name", [*KERNELS, "types.py", str(Path("kernels", "compiled.py"))])
+@pytest.mark.parametrize("name", [*KERNELS, "types.py", str(Path("kernels", "jit.py"))])
 def test_a_change_of_kernel_code_is_a_new_folder(copy: Path, name: str) -> None:
     before = folder_of(copy)
     assert before == folder_of(copy), "the same code, the same folder"
@@ -121,7 +121,7 @@ def test_a_change_of_kernel_code_is_a_new_folder(copy: Path, name: str) -> None:
 
 def test_a_change_elsewhere_keeps_the_folder(copy: Path) -> None:
     before = folder_of(copy)
-    append(copy / "render.py", "\n# changed\n")
+    append(copy / "rendering" / "frame.py", "\n# changed\n")
     (copy / "more.py").write_text("x = 1\n", encoding="utf-8")
     assert folder_of(copy) == before
 
@@ -132,6 +132,7 @@ def test_a_new_kernel_file_is_a_new_folder(copy: Path) -> None:
     assert folder_of(copy) != before
 
 
+@pytest.mark.slow
 def test_a_copy_elsewhere_finds_the_machine_code(copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Compiled from one place, the kernel is loaded, not compiled, from another."""
     script = """

@@ -57,6 +57,7 @@ class Single:
         return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"type2": True, "observation": "O3", "max_invalid": 20}])
 def test_step_for_step_what_single_environments_give(options: dict) -> None:
     batch = gym.make_vec("FreeMesh-v0", num_envs=4, vectorization_mode="vector_entry_point", domain=DOMAINS, **options)
@@ -211,6 +212,7 @@ def test_an_endless_supply_gives_a_new_domain_every_time() -> None:
     assert all(int(name.removeprefix("random-")) < HELD_OUT for name in drawn)
 
 
+@pytest.mark.slow
 def test_episodes_on_drawn_domains_go_on_from_their_state() -> None:
     env, other = (MeshVectorEnv(4, domain=["T1", "random"], max_invalid=4) for _ in range(2))
     env.reset(seed=3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections import Counter
 
+import pytest
 from checkout import ROOT
 
 
@@ -21,6 +22,7 @@ def said_again(source: str) -> list[str]:
     return [name for name, times in bound.items() if times > 1]
 
 
+@pytest.mark.slow
 def test_no_name_of_a_module_is_said_again() -> None:
     twice = "A = 1\nB, C = 2, 3\nA = 2\ndef f(): x = 1; x = 2\nclass C: pass\nif A:\n    D = 1\nelse:\n    D = 2\n"
     assert said_again(twice) == ["A", "C"]

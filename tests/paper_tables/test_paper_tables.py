@@ -273,6 +273,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TABLES)
 def test_every_table_is_printed_and_written(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     extra = ["--peers", "none", "--mesh", "pave=pave.inp"] if name == "quality" else []
@@ -287,6 +288,7 @@ def test_every_table_is_printed_and_written(name: str, folder: Path, capsys: pyt
         assert (folder / "tables/square.png").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "words"), [
     (["beauty"], "scalability"),
     (["scalability", "--policy", "missing.npz"], "missing.npz"),

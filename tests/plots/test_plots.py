@@ -41,6 +41,7 @@ def drawn(mesh: Mesh) -> dict[type, list]:
             for kind in (PolyCollection, LineCollection, PathCollection)}  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["png", "svg"])
 @pytest.mark.parametrize("mesh", [star(5), part(star(6), 2), part(star(4), 0)], ids=["whole", "part", "none"])
 def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, suffix: str, mesh: Mesh):
@@ -235,6 +236,7 @@ def test_triangles_are_red_and_a_failure_is_an_empty_panel(tmp_path: Path):
     assert not empty.collections
 
 
+@pytest.mark.slow
 def test_titles_and_figures_stay_on_the_page(tmp_path: Path):
     wide, tall = star(5), star(5)
     wide.vertices[:, 1] *= 0.05
@@ -251,6 +253,7 @@ def test_titles_and_figures_stay_on_the_page(tmp_path: Path):
                 assert extent.y1 <= page.y1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [
     lambda path: draw_boxes(samples(3, 0), path),
     lambda path: draw_side_by_side({"a": star(5), "b": part(star(6), 2)}, path),

@@ -48,6 +48,7 @@ def check(found: tuple[float, ...], floor: tuple[float, ...]) -> None:
     assert found[3] <= floor[3], (found, floor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPPED)
 def test_raw_meshes(name: str) -> None:
     check(figures([made.raw for made in meshes(name)]), RAW[name])

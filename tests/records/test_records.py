@@ -79,6 +79,7 @@ def plain(records: StudyRecords) -> object:
     return {**vars(records), "trainings": trainings}
 
 
+@pytest.mark.slow
 @given(RECORDS)
 @settings(max_examples=60)
 def test_what_was_written_comes_back(records: StudyRecords) -> None:
@@ -177,6 +178,7 @@ def bomb() -> bytes:
     return file.getvalue()
 
 
+@pytest.mark.slow
 def test_little_that_stands_for_much_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "records.parquet"
     path.write_bytes(bomb())

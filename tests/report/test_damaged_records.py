@@ -25,6 +25,7 @@ from freemesh_ray.training.run_folder import RunFolder
 LAUGHS = "a0: &a0 [0]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 11))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("text", "message"), [
     (LAUGHS, "holds more than 100,000 values"),
     ("name: &a [*a]\n", "holds more than 100,000 values"),

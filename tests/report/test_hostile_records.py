@@ -26,6 +26,7 @@ def study(tmp_path: Path) -> Path:
     return algorithms(tmp_path / "studies" / "small", {"A": (60.0, 30e3)}, seeds=[1, 2], steps=30_000, domains=[])
 
 
+@pytest.mark.slow
 def test_hostile_records_make_a_harmless_report(
     study: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -59,6 +60,7 @@ def test_hostile_records_make_a_harmless_report(
         ET.parse(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["trials.json", "study.yaml", "runs/A-1/evaluations.jsonl"])
 @pytest.mark.parametrize("damage", ["sparse", "pipe", "deep", "many", "device"])
 def test_files_too_large_or_no_files_are_one_line(study: Path, name: str, damage: str) -> None:

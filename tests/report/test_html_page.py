@@ -162,6 +162,7 @@ def test_it_can_be_read_without_eyes(page: Page):
     assert heads.count("row") == sum(len(table) - 1 for table in page.tables)
 
 
+@pytest.mark.slow
 def test_the_same_study_gives_the_same_bytes(report: Path):
     before = {path.name: path.read_bytes() for path in report.iterdir()}
     write(report.parent, episodes=2)

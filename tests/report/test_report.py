@@ -105,6 +105,7 @@ def test_a_report_says_what_the_paper_says_and_what_came_out(finished: Path):
     assert "nowhere.json: " in text
 
 
+@pytest.mark.slow
 def test_a_study_of_one_s_own_is_not_said_to_be_the_paper_s(small: Path):
     text = write(small).read_text()
     assert "## What the paper expects" in text
@@ -203,6 +204,7 @@ def test_every_expectation_has_its_numbers(finished: Path):
         assert float(line["p_value"]) < float(line["p_corrected"])
 
 
+@pytest.mark.slow
 def test_of_many_pairs_those_of_the_best_variant_are_shown(tmp_path: Path):
     ends = {f"V{i}": (10.0 * i, 3e4) for i in range(1, 8)}
     text = write(algorithms(tmp_path / "many", ends, SEEDS[:2], domains=[])).read_text()
@@ -212,6 +214,7 @@ def test_of_many_pairs_those_of_the_best_variant_are_shown(tmp_path: Path):
     assert len(lines(tmp_path / "many" / "report" / "comparisons.csv")) == 21
 
 
+@pytest.mark.slow
 def test_the_same_study_gives_the_same_report(finished: Path, tmp_path: Path):
     write(finished, out=tmp_path, episodes=2)
     for file in tmp_path.iterdir():
@@ -504,6 +507,7 @@ def test_improvements_are_drawn_from_the_top_down(tmp_path: Path):
     assert axes.lines[-1].get_xdata().tolist() == [0.8, 0.5]
 
 
+@pytest.mark.slow
 def test_settings_that_span_decades_are_drawn_on_a_logarithmic_scale(tmp_path: Path):
     settings = {"rate": [1e-4, 1e-2], "tau": [0.1, 0.2], "kind": ["b", "a"]}
     figure = draw_settings(settings, np.array([1.0, np.nan]), tmp_path / "settings.png", "score", default=0)
@@ -515,6 +519,7 @@ def test_settings_that_span_decades_are_drawn_on_a_logarithmic_scale(tmp_path: P
 # ---- the command and what is wrong -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_files(small: Path, capsys):
     assert command.main(["report", "small", "--studies", str(small.parent)]) == 0
     printed = capsys.readouterr().out.splitlines()

@@ -57,6 +57,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix not in (".md", ".html")}
 
 
+@pytest.mark.slow
 def test_all_that_a_report_has_is_made_anew(study: Path, tmp_path: Path) -> None:
     alone = tmp_path / "elsewhere" / FILE
     alone.parent.mkdir()
@@ -78,6 +79,7 @@ def test_all_that_a_report_has_is_made_anew(study: Path, tmp_path: Path) -> None
     assert (tmp_path / "third" / "report.html").read_bytes() == (again.parent / "report.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_report_written_twice_has_the_same_records(study: Path, tmp_path: Path) -> None:
     write(study, out=tmp_path, episodes=2)
     assert (tmp_path / FILE).read_bytes() == (study / "report" / FILE).read_bytes()
@@ -100,6 +102,7 @@ def test_records_have_what_was_trained_and_no_secrets(study: Path) -> None:
     assert sorted(each.label for each in with_meshes) == ["A", "B", "C"]
 
 
+@pytest.mark.slow
 def test_a_search_is_made_anew(tmp_path: Path) -> None:
     before = write(search(tmp_path / "rates"))
     again = write_results(from_records(before.parent / FILE), tmp_path / "again")
@@ -110,6 +113,7 @@ def test_a_search_is_made_anew(tmp_path: Path) -> None:
 # ---- the command -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_writes_it_where_no_study_lies(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -199,6 +203,7 @@ def test_hostile_records_are_one_line(study: Path, tmp_path: Path, change: dict[
     assert str(path) in str(error.value)
 
 
+@pytest.mark.slow
 def test_the_paper_s_table_is_recorded(tmp_path: Path) -> None:
     sets = {"dense": {"env.upsilon": 0.5}, "medium": {"env.upsilon": 1.0}}
     folder = algorithms(tmp_path / "density", {"dense": (60.0, 3e4), "medium": (50.0, 3e4)}, [1], domains=[], sets=sets)

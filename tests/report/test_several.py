@@ -66,6 +66,7 @@ def test_variants_of_all_are_compared_and_a_common_training_is_shown_once(
     assert not (report / "records.parquet").exists()
 
 
+@pytest.mark.slow
 def test_records_stand_for_their_study(studies: Path, tmp_path: Path) -> None:
     before = write_results(together([(name, results_of(name, studies)) for name in ("one", "two")]), tmp_path / "a")
     write(studies / "two", docs=tmp_path / "docs")

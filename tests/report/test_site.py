@@ -38,6 +38,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.slow
 def test_the_index_tells_of_every_study_and_leads_to_it(studies: Path, tmp_path: Path):
     made = write(studies, tmp_path / "site")
     index = Page(made.index.read_text())
@@ -54,6 +55,7 @@ def test_the_index_tells_of_every_study_and_leads_to_it(studies: Path, tmp_path:
     assert "../index.html" in [link["href"] for link in Page(made.pages["first"].read_text()).of("a")]
 
 
+@pytest.mark.slow
 def test_again_it_is_the_same(studies: Path, tmp_path: Path):
     write(studies, tmp_path / "site")
     before = files(tmp_path / "site")
@@ -61,6 +63,7 @@ def test_again_it_is_the_same(studies: Path, tmp_path: Path):
     assert files(tmp_path / "site") == before
 
 
+@pytest.mark.slow
 def test_pages_of_studies_that_are_gone_go_and_nothing_else_does(studies: Path, tmp_path: Path):
     site = tmp_path / "site"
     page = write(studies, site).pages["first"]
@@ -87,6 +90,7 @@ def test_a_page_that_is_somebody_s_is_kept(studies: Path, tmp_path: Path, name: 
     assert files(tmp_path / "site") == {name: b"mine"}
 
 
+@pytest.mark.slow
 def test_a_study_that_cannot_be_read_is_listed_and_fails_the_command(
     studies: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -104,6 +108,7 @@ def test_a_study_that_cannot_be_read_is_listed_and_fails_the_command(
     assert len(page.tables[0]) == 2
 
 
+@pytest.mark.slow
 def test_records_of_documents_are_studies_too(studies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """As a clean clone has them; where the study itself is there, too, it counts."""
     monkeypatch.chdir(tmp_path)
@@ -126,6 +131,7 @@ def test_records_of_documents_are_studies_too(studies: Path, tmp_path: Path, mon
     assert main(["report", "--site", "site"]) == 0
 
 
+@pytest.mark.slow
 def test_a_folder_without_its_definition_is_told_as_such(studies: Path, tmp_path: Path):
     (studies / "first" / "study.yaml").unlink()
     assert write(studies, tmp_path / "site").unreadable == {"first": "first/study.yaml: no such file"}

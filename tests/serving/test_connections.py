@@ -112,6 +112,7 @@ def test_bytes_that_trickle_in_win_no_time() -> None:
     asyncio.run(run())
 
 
+@pytest.mark.slow
 def test_the_server_takes_its_time() -> None:
     async def run() -> None:
         async with server() as clients:

@@ -172,6 +172,7 @@ def test_a_client_that_leaves_is_no_longer_waited_for() -> None:
     assert b'freemesh_requests_total{path="/mesh",status="499"} 1.0' in counters.page()[0]
 
 
+@pytest.mark.slow
 def test_large_bodies_on_their_way_leave_room_for_small_ones() -> None:
     limits = Limits(quick_bytes=10, uploads=2, upload_seconds=1.0)
     app = asgi_app(fine, lambda: 1, densities=["medium"], limits=limits, token=None, counters=Counters())
@@ -254,6 +255,7 @@ def test_parameters_come_back(wanted: Parameters) -> None:
     assert parameters(query, ["dense", "medium"], Limits()) == wanted
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.sampled_from([*value_types(["one"], Limits()), "x"]) | st.text(), st.text()), max_size=4))
 def test_any_query_is_understood_or_refused_in_a_line(query: list[tuple[str, str]]) -> None:
     try:
@@ -278,6 +280,7 @@ def test_a_worker_that_cannot_start_is_an_error() -> None:
     supervisor.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
 def test_signals_stop_the_command(number: int, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
     before, waits = signal.getsignal(signal.SIGTERM), threading.Event()

@@ -84,6 +84,7 @@ def test_efforts_make_the_meshes_that_python_makes() -> None:
         assert json.loads(made.body)["quads"] == own.quads.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("work", "ended"),
     [

@@ -82,6 +82,7 @@ def until(true: Callable[[], bool], seconds: float = 30.0) -> None:
         time.sleep(0.005)
 
 
+@pytest.mark.slow
 def test_a_mesh_that_takes_too_much_memory() -> None:
     with supervisor(worker_bytes=60_000_000) as one:
         before = worker(one)
@@ -94,6 +95,7 @@ def test_a_mesh_that_takes_too_much_memory() -> None:
         assert (answer.status, answer.elements, worker(one)) == (200, 48, before)
 
 
+@pytest.mark.slow
 def test_a_mesh_that_takes_too_long() -> None:
     with supervisor(seconds=0.3) as one:
         refused = one.answer(LARGE)
@@ -106,6 +108,7 @@ def test_a_mesh_that_takes_too_long() -> None:
         assert time.monotonic() - began < 20  # a fork, not a start
 
 
+@pytest.mark.slow
 def test_what_is_too_costly_for_the_quick_lane() -> None:
     with supervisor(QUICK) as one:
         before = worker(one)
@@ -115,6 +118,7 @@ def test_what_is_too_costly_for_the_quick_lane() -> None:
         assert (answer.status, worker(one)) == (200, before)
 
 
+@pytest.mark.slow
 def test_no_request_waits_for_longer_than_its_time_in_the_quick_lane() -> None:
     with supervisor(QUICK, quick_expected=1e9, quick_seconds=60.0, seconds=0.3) as one:
         refused = one.answer(LARGE)
@@ -122,11 +126,13 @@ def test_no_request_waits_for_longer_than_its_time_in_the_quick_lane() -> None:
         assert refused.status == 504
 
 
+@pytest.mark.slow
 def test_what_takes_too_long_for_the_quick_lane() -> None:
     with supervisor(QUICK, quick_expected=1e9, quick_seconds=0.2) as one:
         assert one.answer(LARGE) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSEGV])
 def test_a_worker_that_is_killed_or_stopped_while_it_meshes(number: signal.Signals) -> None:
     with supervisor() as one:
@@ -139,6 +145,7 @@ def test_a_worker_that_is_killed_or_stopped_while_it_meshes(number: signal.Signa
         assert time.monotonic() - began < one._limits.seconds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGKILL, 503), (signal.SIGSEGV, 500)])
 def test_a_polygon_that_workers_die_of(number: signal.Signals, status: int) -> None:
     with supervisor() as one:
@@ -151,6 +158,7 @@ def test_a_polygon_that_workers_die_of(number: signal.Signals, status: int) -> N
         assert again.status == 200
 
 
+@pytest.mark.slow
 def test_the_process_that_forks_is_killed_while_its_worker_meshes() -> None:
     with supervisor() as one:
         assert one._process is not None
@@ -188,6 +196,7 @@ def until_gone(paths: set[Path]) -> None:
 WRITING = MeshRequest(SHEET, Parameters("medium", edge_length=0.03, format="inp", effort="quick"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("who", ["worker", "forking process", "supervisor's process"])
 def test_no_temporary_file_outlives_its_worker(who: str, tmp_path: Path) -> None:
     """One that is killed while it writes a mesh has a folder for it."""
@@ -229,6 +238,7 @@ def test_folders_of_killed_supervisors_are_removed(tmp_path: Path, monkeypatch: 
     assert sorted(tmp_path.iterdir()) == sorted([ours, other])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_work", [False, True])
 def test_nothing_is_left(at_work: bool) -> None:
     with supervisor() as one:

@@ -51,6 +51,7 @@ def test_pipes_and_devices_are_not_waited_for(tmp_path: Path) -> None:
         signal.alarm(0)
 
 
+@pytest.mark.slow
 def test_the_most_that_is_read_takes_bounded_memory(tmp_path: Path) -> None:
     path = tmp_path / "file.json"
     path.write_text("[" + "[]," * ((json_file.MOST_VALUES - 3) // 2) + "[]]")

@@ -66,6 +66,7 @@ def test_the_second_is_told_who_the_first_is_until_that_is_killed(tmp_path: Path
     assert raised.value.exit_code == 2
 
 
+@pytest.mark.slow
 def test_who_waits_gets_it_when_the_first_is_killed(tmp_path: Path) -> None:
     assert holder(tmp_path) is None
     process = subprocess.Popen(

@@ -51,6 +51,7 @@ def same(one: Any, other: Any) -> bool:
     return one == other or (one != one and other != other)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(trees)
 def test_what_is_saved_comes_back(tmp_path: Path, tree: Any) -> None:
@@ -82,6 +83,7 @@ def whole(tmp_path: Path) -> bytes:
     return (tmp_path / "tree").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_file_cut_short_anywhere_is_told(tmp_path: Path, whole: bytes) -> None:
     path = tmp_path / "cut"
     for length in range(len(whole)):
@@ -90,6 +92,7 @@ def test_a_file_cut_short_anywhere_is_told(tmp_path: Path, whole: bytes) -> None
             state_file.load(path)
 
 
+@pytest.mark.slow
 def test_a_changed_byte_is_told_or_changes_nothing(tmp_path: Path, whole: bytes) -> None:
     expected, path = state_file.load(tmp_path / "tree"), tmp_path / "changed"
     for at in range(len(whole)):
@@ -131,6 +134,7 @@ def archive_of(path: Path, tree: bytes, packed: bool = False) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_tree_that_unpacks_to_gigabytes_is_refused_unread(tmp_path: Path) -> None:
     path = tmp_path / "bomb"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open(state_file.TREE, "w") as entry:
@@ -158,6 +162,7 @@ def test_trees_made_to_harm_are_damaged_ones(tmp_path: Path, tree: bytes, words:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_tree_of_lists_takes_a_bounded_multiple_of_its_bytes(tmp_path: Path) -> None:
     path = archive_of(tmp_path / "lists", b"[" + b"[]," * 1_300_000 + b"[]]")
     with little_memory(100 * path.stat().st_size):

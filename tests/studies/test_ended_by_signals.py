@@ -75,6 +75,7 @@ def test_a_study_that_ends_in_time_is_left_alone(obeyed: list[int], monkeypatch:
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.slow
 def test_an_interruption_that_is_lost_is_repeated(obeyed: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "PEACE_SECONDS", 0.05)
     lost = []

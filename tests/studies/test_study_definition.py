@@ -74,6 +74,7 @@ def test_a_shipped_study_is_whole(name: str):
         assert {seed for _, seed in ((t.label, t.seed) for t in trials.values())} >= {356, 567, 999}
 
 
+@pytest.mark.slow
 def test_the_default_training_is_the_same_run_in_every_study_of_the_paper():
     default = {"algorithms": "SAC", "domains": "T1", "networks": "S2", "seeds": "A", "observation": "O2",
                "radius": "R2", "density": "medium"}  # fmt: skip
@@ -285,6 +286,7 @@ def test_a_study_written_down_is_the_same_study(name: str, tmp_path: Path):
         assert again.trial_config(label, 5) == study.trial_config(label, 5)
 
 
+@pytest.mark.slow
 def test_a_dry_run_prints_every_trial_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["study", "networks", "--dry-run"]) == 0

@@ -41,6 +41,7 @@ def digests(root: Path) -> dict[str, str]:
     return {package: digest(code_files(root, package), root) for package in PACKAGES}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "package"),
     [
@@ -69,6 +70,7 @@ def test_a_changed_learner_is_another_source_and_a_changed_report_is_none(
     assert changed == ([package] if package else [])
 
 
+@pytest.mark.slow
 def test_sentences_are_no_source(source: Path) -> None:
     before, path = digests(source), source / "freemesh_ray/algorithms/sac_learner.py"
     text = path.read_text()
@@ -90,6 +92,7 @@ def imported(path: Path) -> Iterator[str]:
             )
 
 
+@pytest.mark.slow
 def test_all_that_training_imports_is_source_or_known_to_decide_nothing() -> None:
     files = [path for package in PACKAGES for path in code_files(ROOT, package) if path.suffix == ".py"]
     modules = {name for path in files for name in imported(path)}

@@ -67,6 +67,7 @@ def trained(of: Study) -> StudyFolder:
     return folder
 
 
+@pytest.mark.slow
 def test_what_another_machine_trained_counts_as_finished_with_the_same_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,6 +107,7 @@ def test_what_another_machine_trained_counts_as_finished_with_the_same_report(
     assert told == ["0 trainings taken from records, 6 more of them were here already"]
 
 
+@pytest.mark.slow
 def test_recorded_again_they_are_the_same_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """But for the day that they were opened on."""
     there = trained(study(tmp_path / "there", monkeypatch))
@@ -124,6 +126,7 @@ def test_recorded_again_they_are_the_same_records(tmp_path: Path, monkeypatch: p
     assert (one.study, one.source, one.domains) == (other.study, other.source, other.domains)
 
 
+@pytest.mark.slow
 def test_only_the_same_settings_seeds_steps_and_source_match(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     there = trained(study(tmp_path / "there", monkeypatch))
     recorded = uptake.read([there.path, there.report / FILE])
@@ -143,6 +146,7 @@ def test_only_the_same_settings_seeds_steps_and_source_match(tmp_path: Path, mon
     assert len(uptake.take_up(planned(longer)[1], recorded).taken) == 0
 
 
+@pytest.mark.slow
 def test_figures_of_another_domain_or_fewer_episodes_do_not_count(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,6 +164,7 @@ def test_figures_of_another_domain_or_fewer_episodes_do_not_count(
     assert "| usual" in text
 
 
+@pytest.mark.slow
 def test_a_beginning_that_was_cut_short_gives_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     there = trained(study(tmp_path / "there", monkeypatch))
     here = study(tmp_path / "here", monkeypatch)
@@ -173,6 +178,7 @@ def test_a_beginning_that_was_cut_short_gives_way(tmp_path: Path, monkeypatch: p
     assert not first.policy.exists()
 
 
+@pytest.mark.slow
 def test_the_command_says_what_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -795,6 +795,7 @@ def tagged(rng: Rng, path: Path, world: World) -> None:
         world.others[run.run_id] = run.told()
 
 
+@pytest.mark.slow
 def test_nothing_foreign_leaves_by_mutated_journals_and_tags(world: World) -> None:
     rng, slowest = random.Random(12), 0.0
     for _ in range(5):

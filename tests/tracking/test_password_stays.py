@@ -85,6 +85,7 @@ def check(home: Path, printed: str, store: FakeStore, elsewhere: FakeStore, monk
         assert basic(LOGIN) not in request.headers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["environment", "set", "file", "mapping"])
 def test_of_a_training(
     way: str, store: FakeStore, elsewhere: FakeStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -39,6 +39,7 @@ def test_a_store_is_the_file_of_its_name(name: str, blank_database: Path, tmp_pa
     assert list((tmp_path / "homes").iterdir()) == [home]
 
 
+@pytest.mark.slow
 def test_a_new_store_is_made_where_its_name_says(tmp_path: Path) -> None:
     home = tmp_path / "homes" / ODD
     record(tmp_path / "run", f"sqlite:///{home / 'mlflow.db'}")

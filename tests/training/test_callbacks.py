@@ -58,6 +58,7 @@ def checkpoints(settings: dict[str, Any]) -> list[str]:
     return [path.name for path in checkpoint.found(folder(settings).checkpoints)]
 
 
+@pytest.mark.slow
 def test_they_are_told_in_order_and_of_the_same(settings: dict[str, Any]) -> None:
     told: list[tuple[str, str, Any]] = []
     result = run(settings, Fake(), callbacks=[Recorder("a", told), Recorder("b", told)])
@@ -86,6 +87,7 @@ def check_whole(result: Any, env_steps: int) -> None:
     assert [stage.domain for stage in result.stages] == ["T1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hook", FIRST)
 def test_one_that_stops_the_training_leaves_all_that_its_budget_s_end_leaves(
     hook: str, settings: dict[str, Any]
@@ -99,6 +101,7 @@ def test_one_that_stops_the_training_leaves_all_that_its_budget_s_end_leaves(
     check_whole(run(settings, Fake(), resume=True), 1000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [ValueError("no such\nthing"), SystemExit(3)], ids=["error", "exit"])
 @pytest.mark.parametrize("hook", FIRST)
 def test_one_that_fails_is_named_and_costs_nothing(hook: str, error: BaseException, settings: dict[str, Any]) -> None:
@@ -127,6 +130,7 @@ def test_an_object_of_another_class_is_refused(settings: dict[str, Any]) -> None
     assert not folder(settings).path.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hook", [hook for hook in FIRST if hook != "on_end"])
 def test_ctrl_c_in_one_saves_a_checkpoint(hook: str, settings: dict[str, Any]) -> None:
     with pytest.raises(KeyboardInterrupt):
@@ -135,6 +139,7 @@ def test_ctrl_c_in_one_saves_a_checkpoint(hook: str, settings: dict[str, Any]) -
     check_whole(run(settings, Fake(), resume=True), 1000)
 
 
+@pytest.mark.slow
 def test_a_second_signal_ends_one_that_hangs(settings: dict[str, Any]) -> None:
     """`freemesh_ray.train` gives it after a while."""
 

@@ -20,6 +20,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != FILE}
 
 
+@pytest.mark.slow
 def test_a_run_that_another_trains_is_left_alone(settings: dict[str, Any]) -> None:
     folder = RunFolder(Path(settings["paths"]["runs"]) / "fake")
     with folder.claimed(resume=True):
@@ -47,6 +48,7 @@ def test_the_command_says_so_in_one_line_before_anything_is_started(
     assert err.startswith(f"freemesh: {tmp_path / 'twin'}: process {os.getpid()} on ")
 
 
+@pytest.mark.slow
 def test_a_training_holds_its_folder_until_it_ends_and_no_longer(settings: dict[str, Any]) -> None:
     folder, refused = RunFolder(Path(settings["paths"]["runs"]) / "fake"), []
 

@@ -45,6 +45,7 @@ class Interrupted(Timed):
         return super().train()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("between", [True, False])
 @pytest.mark.parametrize("minutes", [None, 0.6])
 def test_an_hour_asleep_is_no_hour_of_training(
@@ -78,6 +79,7 @@ def test_an_hour_asleep_is_no_hour_of_training(
     assert checkpoint.read(trained.checkpoint)[1]["seconds"] < 60
 
 
+@pytest.mark.slow
 def test_an_iteration_in_which_the_clock_stands_still_has_a_rate(settings: dict[str, Any], clock: list[float]) -> None:
     assert train(settings, make=lambda _: Fake()).progress.env_steps == 1000
 
@@ -174,6 +176,7 @@ def wall_clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return off
 
 
+@pytest.mark.slow
 def test_the_machine_s_clock_set_back_and_forth_changes_nothing(
     settings: dict[str, Any], wall_clock: list[float], tmp_path: Path
 ) -> None:

@@ -31,6 +31,7 @@ class Hurried(Fake):
         return super().evaluate()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("at", "where"), [(550, "an iteration"), (600, "an evaluation"), (1000, "an evaluation")])
 def test_what_was_done_is_saved(at: int, where: str, settings: dict[str, Any]) -> None:
     fake, notes = Hurried(at, where), list[str]()
@@ -44,6 +45,7 @@ def test_what_was_done_is_saved(at: int, where: str, settings: dict[str, Any]) -
     assert len(trained.stages) == 1
 
 
+@pytest.mark.slow
 def test_the_last_meshes_are_not_waited_for(settings: dict[str, Any]) -> None:
     fake = Fake()
     asked = iter([False] * 11)

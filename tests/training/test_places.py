@@ -46,6 +46,7 @@ def checkpoints(settings: dict[str, Any]) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("steps", "failures"), [(300, 1), (400, 2), (1000, 0)])
 def test_a_folder_that_is_away_for_a_while_costs_nothing(steps: int, failures: int, settings: dict[str, Any]) -> None:
     """Moved away an iteration before, and back one after: an evaluation, that and a checkpoint, the end."""
@@ -94,6 +95,7 @@ def test_a_checkpoint_has_the_evaluations_before_it_that_could_not_be_written(se
     assert checkpoints(settings) == ["step_000000400"]
 
 
+@pytest.mark.slow
 def test_a_checkpoint_makes_no_folder_where_a_shared_one_was(settings: dict[str, Any]) -> None:
     runs = Path(settings["paths"]["runs"])
     made: list[bool] = []
@@ -111,6 +113,7 @@ def test_a_checkpoint_makes_no_folder_where_a_shared_one_was(settings: dict[str,
     assert "no checkpoint at 400 steps" in notes[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracked", [False, True])
 def test_a_folder_that_is_removed_is_the_training_s_end_and_not_made_anew(
     tracked: bool, settings: dict[str, Any], tmp_path: Path
@@ -126,6 +129,7 @@ def test_a_folder_that_is_removed_is_the_training_s_end_and_not_made_anew(
     assert run(settings, Fake(), resume=True).progress.env_steps == 1000
 
 
+@pytest.mark.slow
 def test_a_failure_while_the_folder_is_gone_does_not_begin_anew_elsewhere(settings: dict[str, Any]) -> None:
     runs = Path(settings["paths"]["runs"])
 
@@ -164,6 +168,7 @@ def unreachable(folder: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> I
         yield
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [errno.ESTALE, errno.EIO])
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_folder_that_cannot_be_reached_ends_in_one_line(
@@ -217,6 +222,7 @@ def test_a_slow_folder_costs_its_time_and_nothing_else(
     assert checkpoints(settings) == ["step_000001000", "step_000000800"]
 
 
+@pytest.mark.slow
 def test_a_line_cut_short_by_a_full_disk_does_not_take_the_next_with_it(
     settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -122,6 +122,7 @@ def test_lines_that_stay_are_rare_and_notes_are_not_lost(monkeypatch: pytest.Mon
     assert stream.getvalue().count("noted\n") == 31
 
 
+@pytest.mark.slow
 def test_the_end_tells_raw_and_finished_meshes_and_where_all_lies(
     settings: dict[str, Any],
     clock: list[float],

@@ -20,6 +20,7 @@ def shipped() -> Policy:
     return Policy.load(SHIPPED["medium"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stage", "name"), [("T1", "T1"), ("random", "random-held-out-0"), ("part:7", "part-7")])
 def test_both_meshes_fill_the_stage_and_are_written(stage: str, name: str, shipped: Policy, tmp_path: Path) -> None:
     made = mesh_stage(shipped, stage, tmp_path / "meshes")

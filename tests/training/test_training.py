@@ -81,6 +81,7 @@ def rows(settings: dict[str, Any]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
+@pytest.mark.slow
 def test_it_trains_to_its_budget_and_evaluates_on_the_way(settings: dict[str, Any]) -> None:
     statuses: list[Status] = []
     trained = run(settings, Fake(), callbacks=told(report=statuses.append))
@@ -94,12 +95,14 @@ def test_it_trains_to_its_budget_and_evaluates_on_the_way(settings: dict[str, An
     assert trained.checkpoint.name == "step_000001000"
 
 
+@pytest.mark.slow
 def test_only_the_newest_checkpoints_are_kept(settings: dict[str, Any]) -> None:
     run(settings, Fake())
     found = checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints")
     assert [path.name for path in found] == ["step_000001000", "step_000000800"]
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_saves_and_goes_on_to_the_same_end(settings: dict[str, Any]) -> None:
     with pytest.raises(KeyboardInterrupt):
         run(settings, Fake(interrupt_at=600))
@@ -109,6 +112,7 @@ def test_an_interrupted_run_saves_and_goes_on_to_the_same_end(settings: dict[str
     assert trained.progress.updates == 500
 
 
+@pytest.mark.slow
 def test_a_signal_stops_between_iterations_with_everything_saved(settings: dict[str, Any]) -> None:
     fake, asked = Fake(), iter([False, False, True])
     with pytest.raises(KeyboardInterrupt):
@@ -120,6 +124,7 @@ def test_a_signal_stops_between_iterations_with_everything_saved(settings: dict[
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
 
 
+@pytest.mark.slow
 def test_evaluations_after_the_checkpoint_are_made_once(settings: dict[str, Any]) -> None:
     """Killed at 700 with checkpoints at 400: the evaluation at 600 is made again and stands once."""
     with pytest.raises(KeyboardInterrupt):
@@ -129,6 +134,7 @@ def test_evaluations_after_the_checkpoint_are_made_once(settings: dict[str, Any]
     assert [row["env_steps"] for row in rows(settings)] == [300, 600, 900, 1000]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["learner.hidden=[3]", "env.density=printed", "env.observation=O1", "env.radius=R3"])
 def test_a_run_does_not_go_on_as_another(change: str, settings: dict[str, Any]) -> None:
     run(settings, Fake())
@@ -140,6 +146,7 @@ def test_a_run_does_not_go_on_as_another(change: str, settings: dict[str, Any]) 
     assert path.read_text() == before
 
 
+@pytest.mark.slow
 def test_resuming_a_finished_run_keeps_its_checkpoint(settings: dict[str, Any]) -> None:
     run(settings, Fake())
     fake = Fake()
@@ -147,6 +154,7 @@ def test_resuming_a_finished_run_keeps_its_checkpoint(settings: dict[str, Any]) 
     assert fake.saved == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["", "[]", "7", "{", '{"env_steps": 1000, "other": 1}'])
 def test_damaged_progress_is_named(damage: str, settings: dict[str, Any]) -> None:
     settings["checkpoint"]["keep"] = 1
@@ -156,6 +164,7 @@ def test_damaged_progress_is_named(damage: str, settings: dict[str, Any]) -> Non
         run(settings, Fake(), resume=True)
 
 
+@pytest.mark.slow
 def test_a_run_is_not_overwritten(settings: dict[str, Any]) -> None:
     run(settings, Fake())
     with pytest.raises(RunError, match="--resume"):
@@ -163,6 +172,7 @@ def test_a_run_is_not_overwritten(settings: dict[str, Any]) -> None:
     assert run(settings, Fake(), resume=True).progress.env_steps == 1000
 
 
+@pytest.mark.slow
 def test_resume_without_a_checkpoint_begins(settings: dict[str, Any]) -> None:
     assert run(settings, Fake(), resume=True).progress.env_steps == 1000
 
@@ -261,6 +271,7 @@ class Factory:
         return self.made[-1]
 
 
+@pytest.mark.slow
 def test_a_failure_goes_back_to_the_last_checkpoint_with_other_random_numbers(settings: dict[str, Any]) -> None:
     notes: list[str] = []
     factory = Factory(700)
@@ -272,6 +283,7 @@ def test_a_failure_goes_back_to_the_last_checkpoint_with_other_random_numbers(se
     assert "Traceback" in (Path(settings["paths"]["runs"]) / "fake" / "failures.log").read_text()
 
 
+@pytest.mark.slow
 def test_a_failure_before_the_first_checkpoint_begins_anew(settings: dict[str, Any]) -> None:
     notes: list[str] = []
     trained = train(settings, make=Factory(350), callbacks=told(note=notes.append))
@@ -280,12 +292,14 @@ def test_a_failure_before_the_first_checkpoint_begins_anew(settings: dict[str, A
     assert "going back to the start" in notes[0]
 
 
+@pytest.mark.slow
 def test_failures_with_checkpoints_in_between_are_not_counted_together(settings: dict[str, Any]) -> None:
     settings["checkpoint"]["retries"] = 1
     trained = train(settings, make=Factory(500, 900), callbacks=told(note=lambda line: None))
     assert trained.progress.env_steps == 1000
 
 
+@pytest.mark.slow
 def test_it_gives_up_in_one_line_and_can_be_resumed(settings: dict[str, Any]) -> None:
     settings["checkpoint"]["retries"] = 2
     factory = Factory(700, 700, 700)
@@ -295,6 +309,7 @@ def test_it_gives_up_in_one_line_and_can_be_resumed(settings: dict[str, Any]) ->
     assert train(settings, make=Factory(), resume=True).progress.env_steps == 1000
 
 
+@pytest.mark.slow
 def test_a_damaged_checkpoint_is_set_aside_for_the_one_before(settings: dict[str, Any]) -> None:
     run(settings, Fake())
     folder = Path(settings["paths"]["runs"]) / "fake" / "checkpoints"
@@ -310,6 +325,7 @@ def test_a_damaged_checkpoint_is_set_aside_for_the_one_before(settings: dict[str
     assert (folder / f".damaged_{newest.name}").is_dir()
 
 
+@pytest.mark.slow
 def test_without_a_sound_checkpoint_a_run_is_not_silently_begun_anew(settings: dict[str, Any]) -> None:
     run(settings, Fake())
     for path in checkpoint.found(Path(settings["paths"]["runs"]) / "fake" / "checkpoints"):
@@ -318,6 +334,7 @@ def test_without_a_sound_checkpoint_a_run_is_not_silently_begun_anew(settings: d
         run(settings, Fake(), resume=True)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_that_cannot_be_written_is_tried_again_later(
     settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

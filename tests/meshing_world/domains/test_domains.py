@@ -128,6 +128,7 @@ def test_points_come_in_the_documented_order() -> None:
     assert segment_set(domain) == ring_segments(SQUARE, HOLE, HOLE + 1.5)
 
 
+@pytest.mark.slow
 @given(st.sampled_from([("T1", 1), ("D9", 2), ("part:1", 6)]), st.integers(0, 1000))
 def test_loops_are_the_rings_whatever_the_order_of_the_segments(named: tuple[str, int], seed: int) -> None:
     domain = load(named[0])
@@ -170,6 +171,7 @@ def test_many_holes_on_a_grid_are_joined() -> None:
         assert domain.area == pytest.approx(100.0 - 16.0)
 
 
+@pytest.mark.slow
 def test_large_rings_are_quick() -> None:
     started = time.perf_counter()
     domain = from_rings(wavy(20_000), [wavy(4_000, 0.2, (0.2, 0.1))])

@@ -104,6 +104,7 @@ def test_every_family_is_drawn() -> None:
         assert sum(shapely.Polygon(outline).is_valid for outline in outlines) >= 12, family.__name__
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32),

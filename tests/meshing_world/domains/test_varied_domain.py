@@ -43,6 +43,7 @@ def test_fine_and_coarse_uniform_and_graded(sample: list[Domain]) -> None:
     assert (ratios > 2.0).mean() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.__name__)
 def test_every_shape_makes_domains_of_every_size(shape) -> None:  # type: ignore[no-untyped-def]
     random = np.random.default_rng(0)

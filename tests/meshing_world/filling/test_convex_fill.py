@@ -74,6 +74,7 @@ def assert_filled(points: Floats, ring: Ints, filled: Fill) -> None:
     assert m <= 4 * (n - 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", range(len(FAMILIES)), ids=[family.__name__ for family in FAMILIES])
 @pytest.mark.parametrize("size", [16, 60])
 def test_every_ring_is_filled(family: int, size: int) -> None:
@@ -96,6 +97,7 @@ def test_the_construction_alone_fills_every_ring_as_the_theorem_says(seed: int) 
     assert len(quads) <= max(5, 3 * n - 10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1000, 1600])
 def test_long_rings(n: int) -> None:
     angle = np.linspace(0.0, 6.0 * np.pi, n // 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -57,6 +58,7 @@ def walk(box: Floats, query: tuple[float, float, float, float]) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 @given(st.lists(change, max_size=60), st.integers(1, CAPACITY + 2))
 def test_least_slots_are_those_of_a_sort(changes: list, wanted: int) -> None:
     key, _ = changed(changes)

@@ -122,6 +122,7 @@ def test_ends_of_the_range_and_the_middle() -> None:
     ]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 20), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.1, 5.0))
 def test_the_new_vertex_lies_at_its_radius_and_angle(seed: int, radius: float, turn: float, reach: float) -> None:
     episodes = Episodes([generic("random:11", seed)], MeshingParameters(), 1)
@@ -137,6 +138,7 @@ def test_the_new_vertex_lies_at_its_radius_and_angle(seed: int, radius: float, t
         assert np.exp(1j * (np.angle(z / axis) - expected)) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 20), st.floats(-0.9, 1.0), st.floats(-0.99, 0.99), st.floats(0.1, 5.0))
 def test_encoding_inverts_decoding(seed: int, radius: float, turn: float, reach: float) -> None:
     episodes = Episodes([generic("random:11", seed)], MeshingParameters(), 1)
@@ -167,6 +169,7 @@ def test_elements_have_the_corners_asked_for(n: int, alpha: float, type2: bool) 
 # Validity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "options"),
     [

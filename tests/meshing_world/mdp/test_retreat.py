@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -52,6 +53,7 @@ def play(front: Front, log: UndoLog, mdp: Numbers, seed: int, steps: int) -> lis
     return before
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.sampled_from(DOMAINS), st.integers(1, 4), st.integers(0, 2**32 - 1))
 def test_each_element_taken_back_restores_the_front_bit_for_bit(name: str, n_rv: int, seed: int) -> None:

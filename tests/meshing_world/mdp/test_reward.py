@@ -159,6 +159,7 @@ def test_the_released_bounds_of_the_area_pass_over_one_edge_at_each_end_and_are_
     assert area_bounds(even, MeshingParameters(area_range="released"))[0] == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["T1", "T3"])
 def test_the_released_rewards_are_those_of_the_authors_code(name: str) -> None:
     """eta_b = (s q_angle q_dist)^(1/3) - 1, of type 0 (s q_angle)^(1/2) - 1; s is of lengths on the front left."""

@@ -43,6 +43,7 @@ def inner(domain: Domain, outside: float) -> Floats:
     return domain.points[np.unique(domain.segments)][np.hypot(*domain.points[np.unique(domain.segments)].T) < outside]
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(
     vertices=st.integers(19, 2000), curvature=st.floats(6.0, 64.0), angle=st.floats(0, 7),
@@ -74,6 +75,7 @@ def test_what_has_corners_is_not_rounded(vertices: int) -> None:
     assert domain.deviation == 0.0
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 1000), n=st.integers(30, 400), edge_length=st.floats(0.05, 5.0), curvature=st.floats(4, 64))
 def test_no_segment_is_far_from_the_outline(seed: int, n: int, edge_length: float, curvature: float) -> None:

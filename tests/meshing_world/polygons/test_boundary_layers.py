@@ -236,6 +236,7 @@ def star(rng: np.random.Generator, n: int, radius: float, rough: float) -> Float
     return np.stack([r * np.cos(t), r * np.sin(t)], axis=1)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     seed=st.integers(0, 100_000), n=st.integers(4, 60), rough=st.sampled_from([0.02, 0.2, 0.5]),

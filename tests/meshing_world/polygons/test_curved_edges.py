@@ -35,6 +35,7 @@ def is_straight(points: np.ndarray, segments: np.ndarray, y: float) -> np.ndarra
     return (np.abs(points[segments][:, :, 1] - y) < 1e-12).all(axis=1)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(lengths, st.floats(0.0, 6.0), st.floats(0.3, 1.0))
 def test_every_segment_of_a_ring_stands_for_a_piece_of_its_circle(
@@ -53,6 +54,7 @@ def test_every_segment_of_a_ring_stands_for_a_piece_of_its_circle(
     assert np.linalg.norm(moved - domain.points, axis=1).max() <= 0.01 * (edge_length or 1.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(lengths, st.floats(0.4, 5.8))
 def test_the_chord_that_closes_an_arc_stays_straight(edge_length: float | None, sweep: float) -> None:

@@ -82,6 +82,7 @@ def test_no_place_of_a_fine_polyline_is_nearer(curve: Any, seed: int, off: float
     assert (mine - shapely.distance(fine, shapely.points(points))).max() <= 1e-5 * size(curve)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(curves(), st.integers(0, 10**6))
 def test_places_between_are_on_the_curve_at_equal_lengths(curve: Any, seed: int) -> None:

@@ -97,6 +97,7 @@ def wavy(seed: int, fine: int) -> tuple[Floats, Floats, Floats]:
     return np.concatenate([side[::-1], bottom, right, top]), side, right
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     seed=st.integers(0, 10_000), fine=st.sampled_from([3, 40, 300]), edge_length=st.floats(0.15, 2.0),

@@ -205,6 +205,7 @@ def test_a_drawing_without_an_outline_says_what_is_in_it(tmp_path: Path) -> None
         load(path)
 
 
+@pytest.mark.slow
 def test_blocks_in_blocks_end(tmp_path: Path) -> None:
     document, space = drawing()
     for level in range(12):

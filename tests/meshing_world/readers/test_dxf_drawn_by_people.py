@@ -74,6 +74,7 @@ def test_open_lines_are_passed_over_with_one_line(tmp_path: Path) -> None:
     assert lines(found, optional=True) == {"axis", "pitch"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ["entity", "layer", "block"])
 def test_broken_line_types_are_those_of_layers_and_blocks_too(tmp_path: Path, by: str) -> None:
     document, space = drawing()
@@ -104,6 +105,7 @@ def test_an_axis_that_closes_the_half_drawn_is_a_side(tmp_path: Path) -> None:
     assert lines(found) == {"axis"}
 
 
+@pytest.mark.slow
 @given(gap=st.floats(2e-5, 0.04), angle=st.floats(0, 6), hole=st.booleans())
 @settings(max_examples=25)
 def test_gaps_are_told_and_joined_on_request(tmp_path_factory: Any, gap: float, angle: float, hole: bool) -> None:
@@ -156,6 +158,7 @@ def test_an_end_that_falls_short_of_an_edge_is_joined_to_it(tmp_path: Path) -> N
     assert found.notes[0] == "joined 1 gap of up to 0.001"
 
 
+@pytest.mark.slow
 @given(x=st.floats(0.2, 3.8), u=st.floats(0.2, 3.8), angle=st.floats(0, 6), closed=st.booleans())
 @settings(max_examples=25)
 def test_lines_that_end_on_edges_divide(tmp_path_factory: Any, x: float, u: float, angle: float, closed: bool) -> None:
@@ -338,6 +341,7 @@ def points_of(found: Drawing) -> Floats:
     return points[np.lexsort(points.T)]
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20)
 def test_the_order_of_entities_does_not_matter(tmp_path_factory: Any, seed: int) -> None:

@@ -68,6 +68,7 @@ def test_what_holds_no_polygon(shape: Any) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 1000), holes=st.integers(0, 2), scale=st.sampled_from([1e-6, 1.0, 1e6]),

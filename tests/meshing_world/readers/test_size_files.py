@@ -99,6 +99,7 @@ def lengths(domain: Domain) -> tuple[Floats, Floats]:
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends.mean(axis=1)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     low=st.floats(0.01, 0.1), slope=st.floats(0.0, 0.2), angle=st.floats(0, 7), scale=st.sampled_from([1e-4, 1.0, 1e4])

@@ -17,6 +17,7 @@ import envs.rendering
 PLACES = ("MPLCONFIGDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["envs.rendering.frame", "freemesh_ray.plots.page", "freemesh_ray.report.pictures"])
 def test_nothing_is_said_of_a_temporary_cache(module: str, tmp_path: Path) -> None:
     (tmp_path / "file").touch()

@@ -102,6 +102,7 @@ def record(env: RecordVideo | vector.RecordVideo, actions: np.ndarray) -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_a_video_has_every_step(videos: list[tuple[list[np.ndarray], float]], tmp_path: Path) -> None:
     env = gym.make("envs:FreeMesh-v0", render_mode="rgb_array")
     record(RecordVideo(env, str(tmp_path), disable_logger=True), ACTIONS)
@@ -115,6 +116,7 @@ def test_a_video_has_every_step(videos: list[tuple[list[np.ndarray], float]], tm
         np.testing.assert_array_equal(frame, drawn.render())
 
 
+@pytest.mark.slow
 def test_a_batch_is_one_video(videos: list[tuple[list[np.ndarray], float]], tmp_path: Path) -> None:
     """A tile for each environment."""
     env = gym.make_vec("envs:FreeMesh-v0", num_envs=4, render_mode="rgb_array")
