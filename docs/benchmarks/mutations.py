@@ -51,7 +51,7 @@ noticed. The texts before and after are in [mutations.yaml](benchmarks/mutations
 | what was broken | where | the test that noticed |
 |---|---|---|
 {rows}
-{gone}"""
+"""
 
 
 class UnnoticedError(UserError):
@@ -100,11 +100,6 @@ def mutations() -> list[Mutation]:
     return [Mutation(**one) for one in yaml.safe_load(MUTATIONS.read_text(encoding="utf-8"))["mutations"]]
 
 
-def gone() -> list[str]:
-    """What was broken once and is there no more, a sentence each."""
-    return list(yaml.safe_load(MUTATIONS.read_text(encoding="utf-8"))["gone"])
-
-
 def page() -> str:
     """The document."""
     rows = [
@@ -112,7 +107,7 @@ def page() -> str:
         for one in mutations()
         for place, _, name in [one.test.partition("::")]
     ]
-    return TEXT.format(rows="\n".join(rows), gone="".join(f"\n{sentence}\n" for sentence in gone()))
+    return TEXT.format(rows="\n".join(rows))
 
 
 @contextmanager
