@@ -18,9 +18,11 @@ def test_no_more_may_wait_than_there_is_room_for(room: int, more: int) -> None:
         waiting = [asyncio.create_task(queue.take()) for _ in range(room)]
         await asyncio.sleep(0)
         for _ in range(more):
+            refused = asyncio.create_task(queue.take())
+            await asyncio.sleep(0)
+            assert refused.done(), "waits"
             with pytest.raises(Busy):
-                async with asyncio.timeout(1):
-                    await queue.take()
+                refused.result()
         for place in range(room + 1):
             queue.give(place)
         return [await task for task in waiting] + [await queue.take()]
