@@ -75,9 +75,11 @@ def check(found: Found, expected: FiniteElements, suffix: str) -> None:
         u, v = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
         assert (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0.0).all()
     if suffix in NODE_SETS:
+        assert {name for name, _ in expected.node_sets} <= set(found.sets)
         for name, nodes in expected.node_sets:
             assert found.sets[name].tolist() == nodes.tolist()
     else:
+        assert {side.name for side in expected.sides} <= set(found.sides)
         for side in expected.sides:
             assert rows(found.sides[side.name]) == rows(number[side.facets[:, : 2 * (d - 1)]])
             assert len(found.sides[side.name]) == len(side.facets)

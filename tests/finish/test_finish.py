@@ -12,7 +12,7 @@ from envs.mesh import Mesh
 from envs.quality import convex_quality, element_quality
 from freemesh_ray.finish import finish
 from freemesh_ray.finish.cleanup import FLOOR
-from freemesh_ray.finish.whole_finish import better, no_worse
+from freemesh_ray.finish.whole_finish import LOST, better, no_worse
 from freemesh_ray.mesh_geometry.metrics import irregular
 
 
@@ -116,6 +116,26 @@ def test_what_is_worse_is_seen() -> None:
     bent[-1] += 1.5
     assert convex_quality(bent, mesh.quads).min() == -1.0
     assert not no_worse(mesh, replace(mesh, vertices=bent))
+
+
+@pytest.mark.parametrize(("aside", "fine"), [(0.4, True), (0.45, False)])
+def test_a_better_mean_does_not_make_up_for_a_poorer_least(aside: float, fine: bool) -> None:
+    """One vertex of a grid aside, in place of all of them a little."""
+    before, even = grid("square", shake=0.24), grid("square", shake=0.0)
+    after = replace(even, vertices=even.vertices + aside * (np.arange(len(even.vertices)) == 63)[:, None])
+    assert eta(after).mean() > eta(before).mean()
+    assert 0.0 < eta(after).min() < eta(before).min()
+    assert (eta(after).min() >= FLOOR) == fine
+    assert no_worse(before, after) == fine
+
+
+@pytest.mark.parametrize("height", np.linspace(0.4, 1.0, 13))
+def test_an_irregular_vertex_fewer_may_cost_a_little_quality_and_no_more(height: float) -> None:
+    before, square = fan(5), fan(4)
+    after = replace(square, vertices=square.vertices * [1.0, height])
+    lost = eta(before).mean() - eta(after).mean()
+    assert eta(after).min() > FLOOR, "so that only what is lost decides"
+    assert better(before, after) == (lost <= LOST[0])
 
 
 def test_what_refilling_costs_has_to_be_worth_it() -> None:

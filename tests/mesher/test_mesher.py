@@ -21,6 +21,7 @@ from envs.mdp.action import ACCEPTED, TYPE_1, TYPE_2, decode_type
 from envs.mdp.front import ELEMENTS, RING, Front, reference_slot
 from envs.mdp.observation import observation_size
 from envs.mdp.transition import numbers
+from envs.mesh import Mesh
 from envs.quality import element_quality
 from envs.types import NO_WISHES, Domain, MeshingParameters, WantedSizes
 from freemesh_ray.finish import USUAL
@@ -161,6 +162,17 @@ def test_a_ring_without_room_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
     capped = constant((0.0, 0.0, 0.0), 0.0, max_elements=20)
     with pytest.raises(MeshingError, match="T1: too thin"):
         mesh_domain(capped, load("T1"))
+
+
+def test_no_mesh_with_a_defect_is_handed_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    def torn(grown: Grown, domain: Domain) -> Mesh:
+        whole = completed(grown, domain)
+        return replace(whole, quads=whole.quads[:-1])
+
+    completed = domain_to_mesh.completed
+    monkeypatch.setattr(domain_to_mesh, "completed", torn)
+    with pytest.raises(MeshingError, match="T1: the mesh is not valid: "):
+        mesh_domain(BISECTOR, load("T1"), smooth=False, clean=False)
 
 
 def test_a_four_ring_is_its_own_mesh_or_filled() -> None:

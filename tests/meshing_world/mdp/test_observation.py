@@ -172,6 +172,20 @@ def test_a_square_front_is_seen_as_drawn() -> None:
     assert seen[-1] == 1.0
 
 
+@pytest.mark.parametrize(
+    ("points", "angles"),
+    [([(0, 0), (1, 0), (1, 1), (1, 2), (0, 2), (0, 1)], [0.5, 0.5, 0.0, 0.25]),
+     ([(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (0, 1)], [0.25, 0.5, 0.0, 0.0])],
+    ids=["on the right", "on the left"],
+)  # fmt: skip
+def test_where_the_front_turns_is_seen_on_its_side(points: list[tuple[float, float]], angles: list[float]) -> None:
+    """A rectangle in six segments, from a corner: counter-clockwise from the front ahead, over pi."""
+    corners = np.array(points, dtype=np.float64)
+    domain = Domain("rectangle", corners, np.arange(6), np.stack([np.arange(6), (np.arange(6) + 1) % 6], axis=1))
+    seen = record(domain, 0, 0)[0][0]
+    np.testing.assert_allclose(seen[1:8:2], angles, atol=1e-6)
+
+
 @settings(max_examples=25)
 @given(parameter_sets, st.booleans(), scales, st.integers(0, 500), st.booleans(), st.integers(0, 2))
 def test_play_stays_within_the_bounds(

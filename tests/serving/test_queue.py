@@ -1,0 +1,48 @@
+"""The queue before the meshers: so many may wait, first come, first served, and no place is lost."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from freemesh_ray.serving.queue import Busy, Queue
+
+
+@given(room=st.integers(0, 6), more=st.integers(1, 3))
+def test_no_more_may_wait_than_there_is_room_for(room: int, more: int) -> None:
+    async def crowd() -> list[int]:
+        queue: Queue[int] = Queue(room)
+        waiting = [asyncio.create_task(queue.take()) for _ in range(room)]
+        await asyncio.sleep(0)
+        for _ in range(more):
+            refused = asyncio.create_task(queue.take())
+            await asyncio.sleep(0)
+            assert refused.done(), "waits"
+            with pytest.raises(Busy):
+                refused.result()
+        for place in range(room + 1):
+            queue.give(place)
+        return [await task for task in waiting] + [await queue.take()]
+
+    assert asyncio.run(crowd()) == list(range(room + 1))
+
+
+@given(left=st.sets(st.integers(0, 5), max_size=5))
+def test_who_leaves_gives_up_the_turn_and_a_place_that_was_given(left: set[int]) -> None:
+    async def crowd() -> list[int]:
+        queue: Queue[int] = Queue(6)
+        waiting = [asyncio.create_task(queue.take()) for _ in range(6)]
+        await asyncio.sleep(0)
+        queue.give(0)  # the first has it, and may leave before it runs
+        for i in left:
+            waiting[i].cancel()
+        await asyncio.sleep(0)
+        staying = [task for i, task in enumerate(waiting) if i not in left]
+        for place in range(1, 6):
+            queue.give(place)
+        return [await task for task in staying]
+
+    assert asyncio.run(crowd()) == list(range(6 - len(left)))
