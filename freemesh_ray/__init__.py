@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from envs.errors import PluginError
+    from envs.polygons.layers_along import BoundaryLayers
     from freemesh_ray.api.run_study import study
     from freemesh_ray.api.run_training import train
     from freemesh_ray.api.tune_class import MeshTrainable as trainable
@@ -25,11 +26,13 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "Callback", "Mesh", "PluginError", "ProgressLine", "Run", "StopTraining", "mesh", "study", "train", "trainable",
+    "BoundaryLayers", "Callback", "Mesh", "PluginError", "ProgressLine", "Run", "StopTraining", "mesh", "study",
+    "train", "trainable",
 ]  # fmt: skip
 
 #: Where each lies; imported on demand: the mesher needs no platform, and the platform no mesher.
 _PLACES = {
+    "BoundaryLayers": "envs.polygons.layers_along:BoundaryLayers",
     "Callback": "freemesh_ray.training.callback:Callback",
     "Mesh": "freemesh_ray.mesher.polygon_to_mesh:Mesh",
     "PluginError": "envs.errors:PluginError",

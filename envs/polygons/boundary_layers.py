@@ -74,7 +74,7 @@ def boundary_layers(rings: Sequence[Floats], carries: Sequence[np.ndarray], rows
     spokes = sum(len(run.spokes.vertex) for loop in loops for run in loop.runs)
     if spokes * rows.count > MOST_QUADS:
         raise DomainError(
-            f"{source}: {spokes * rows.count:,} elements in layers, at most {MOST_QUADS:,}; use fewer --layers"
+            f"{source}: {spokes * rows.count:,} elements in layers, at most {MOST_QUADS:,}; use fewer --boundary-layers"
         )
     every = np.concatenate([np.stack([loop.points, np.roll(loop.points, -1, axis=0)], axis=1) for loop in loops])
     touching = RELATIVE_TOLERANCE * extent(every.reshape(-1, 2))

@@ -15,6 +15,7 @@ import shapely
 
 from envs.mesh import STRAIGHT, CurvedEdges
 from envs.polygons.axis import Axis
+from envs.polygons.boundary_layers import Layers
 from envs.polygons.curved_edges import curved_edges, on_curves
 from envs.polygons.drawing import Drawing, Line, Place
 from envs.polygons.named_sides import along, line_of_segments, parts, segments_of, sides_by_name, tolerance
@@ -39,12 +40,15 @@ class Region:
         name: such as its material; empty: none.
         sides: (k, 2) int64 segments of the domain of each name.
         curved: its segments that lie on curves.
+        layers: rows of quadrilaterals along its boundary, of which ``domain`` is what they leave; the segments of
+            ``sides`` and ``curved`` are theirs then. None: no rows.
     """
 
     domain: Domain
     name: str = ""
     sides: dict[str, Ints] = field(default_factory=dict)
     curved: CurvedEdges = STRAIGHT
+    layers: Layers | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,9 @@ class Rows:
             DomainError: the number and its range.
         """
         if not 1 <= self.count <= MOST_ROWS:
-            raise DomainError(f"{source}: {self.count} layers; give --layers a whole number from 1 to {MOST_ROWS}")
+            raise DomainError(
+                f"{source}: {self.count} layers; give --boundary-layers a whole number from 1 to {MOST_ROWS}"
+            )
         if not 0.0 < self.first < np.inf:
             raise DomainError(f"{source}: first layer {self.first:g} high; give --first a number above 0")
         if not 1.0 <= self.growth <= MOST_GROWTH:

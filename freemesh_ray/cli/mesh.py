@@ -22,6 +22,7 @@ from freemesh_ray.formatting.terminal import note, paths, say
 
 if TYPE_CHECKING:
     from envs.polygons.geometry import Geometry
+    from envs.polygons.layers_along import BoundaryLayers
     from freemesh_ray.mesher.polygon_to_mesh import Mesh
 
 #: A mean element quality below this deserves a word on the boundary.
@@ -93,6 +94,13 @@ def add(commands: Any) -> None:
                           help="elements grow, or shrink, inwards to this edge length, likewise")  # fmt: skip
     boundary.add_argument("--mirror", metavar="AXIS",
                           help="mesh one half and mirror it: the axis of symmetry, x, y, or x0,y0,x1,y1")  # fmt: skip
+    rows = mesh.add_argument_group("boundary layers")
+    rows.add_argument("--boundary-layers", type=whole(1, 200), metavar="N", help="rows of thin quads along sides")
+    rows.add_argument("--along", action="append", default=[], metavar="NAME",
+                      help="a side that has them, see --list-names; repeatable")  # fmt: skip
+    rows.add_argument("--first", type=positive, metavar="H", help="height of the row at the boundary")
+    rows.add_argument("--growth", type=positive, default=1.2, metavar="RATIO",
+                      help="height of a row over that of the one before it, 1 to 3 (1.2)")  # fmt: skip
     add_fix_parity(boundary)
     boundary.add_argument("--yes", action="store_true", help="make a mesh of more than 2 million elements, too")
     quality = mesh.add_argument_group("quality")
@@ -132,6 +140,7 @@ def run(options: argparse.Namespace) -> int:
         MeshingError: a domain that has no valid mesh.
     """
     from envs.domains.load import load_geometry, own_sizes, wanted_sizes
+    from envs.polygons.layers_along import with_layers_along
     from envs.readers.size_input import size_of
     from envs.types import Domain, WantedSizes
     from freemesh_ray.cli.kernel_progress import CompilingLine
@@ -150,6 +159,7 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(outputs, PICTURES if options.list_names else SUFFIXES)
     if options.extrude is not None and options.revolve is not None:
         raise OutputError("mesh: --extrude and --revolve: give one of the two")
+    layers = wanted_layers(options)
     own = own_sizes(options.domain) if said is None and options.edge_length is None else None
     geometry = load_geometry(
         options.domain, layers=tuple(options.layer), join=options.join, fix_parity=options.fix_parity,
@@ -161,6 +171,10 @@ def run(options: argparse.Namespace) -> int:
         note(f"{options.domain}: {told}")
     if options.list_names:
         return list_names(geometry, outputs)
+    if layers is not None:
+        geometry = with_layers_along(geometry, layers)
+        for told in thinner(geometry):
+            note(told)
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean", "effort")}
@@ -182,7 +196,7 @@ def run(options: argparse.Namespace) -> int:
         changes = write(mesh, written, options)
         for change in changes if piece.stated else []:  # nobody misses a name that was offered
             note(change)
-        figures = mesh.quality()
+        figures = mesh.quality(boundary_layers=False)
         say(mesh_line(mesh, figures, written))
         if options.edge_length is None and said is None and figures["eta"] < POOR:
             note(
@@ -190,6 +204,40 @@ def run(options: argparse.Namespace) -> int:
                 "--edge-length L splits them evenly"
             )
     return 0
+
+
+def wanted_layers(options: argparse.Namespace) -> BoundaryLayers | None:
+    """The boundary layers asked for, if any.
+
+    Raises:
+        OutputError: an option without those that it needs.
+    """
+    from envs.polygons.layers_along import BoundaryLayers
+    from freemesh_ray.storage.atomic import OutputError
+
+    given = {"--boundary-layers": options.boundary_layers, "--along": options.along, "--first": options.first}
+    lacking = [name for name, value in given.items() if not value]
+    if len(lacking) == len(given):
+        return None
+    if lacking:
+        raise OutputError(f"mesh: boundary layers need {' and '.join(lacking)}, too")
+    return BoundaryLayers(tuple(options.along), options.boundary_layers, options.first, options.growth)
+
+
+def thinner(geometry: Geometry) -> list[str]:
+    """Where boundary layers are less high than asked for, the worst place of each region, a line each."""
+    from envs.polygons.rings import place
+
+    told = []
+    for region in geometry.regions:
+        limited = () if region.layers is None else region.layers.limited
+        if limited:
+            where, share = min(limited, key=lambda one: one[1])
+            told.append(
+                f"{region.domain.name}: boundary layers are less high than asked for at {len(limited)} "
+                f"place{'' if len(limited) == 1 else 's'}; at {place(where)} there is room for {share:.0%}"
+            )
+    return told
 
 
 def write(mesh: Mesh, outputs: Sequence[Path], options: argparse.Namespace) -> list[str]:
@@ -263,6 +311,7 @@ def mesh_line(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path])
     made = mesh.result
     line = (
         f"{mesh.name}: {counted(len(mesh.quads), 'quad')} in {1e3 * made.seconds_finished:.0f} ms, "
+        f"{'' if mesh.layered is None else f'{int(mesh.layered.sum())} in boundary layers, the others '}"
         f"eta {figures['eta']:.3f} (5th percentile {figures['eta_p5']:.3f}, least {figures['eta_min']:.3f}), "
         f"{counted(int(figures['singularity']), 'irregular node')} (least {figures['singularity_least']:.0f})"
         f" -> {paths(outputs)}"

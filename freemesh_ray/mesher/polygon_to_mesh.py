@@ -10,17 +10,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from envs.domains.load import load_geometry, object_geometry, own_sizes, wanted_sizes
 from envs.mesh import Mesh as PlainMesh
 from envs.polygons.axis import axis_of
-from envs.polygons.geometry import Geometry, Test, named_by, with_regions
+from envs.polygons.geometry import Geometry, Region, Test, named_by, with_regions
+from envs.polygons.layers_along import BoundaryLayers, with_layers_along
 from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE
+from envs.quality import element_quality
 from envs.readers.size_input import size_of
 from envs.types import NO_WISHES, Domain, Floats, WantedSizes
 from freemesh_ray import export, plots
 from freemesh_ray.mesh_geometry import swept
 from freemesh_ray.mesh_geometry.assembly import Part, assembled
+from freemesh_ray.mesh_geometry.layered import with_layers
 from freemesh_ray.mesh_geometry.metrics import measure
 from freemesh_ray.mesh_geometry.mirrored import mirrored
 from freemesh_ray.mesh_geometry.swept import SweptMesh
@@ -37,13 +42,16 @@ class Mesh(PlainMesh):
     """An all-quad mesh, finished.
 
     Attributes:
-        result: how it came about: the mesh as the policy left it, times, what recovery was needed.
+        result: how it came about: the mesh as the policy left it, times, what recovery was needed; of boundary layers
+            nothing.
+        layered: (m,) bool, the quads of boundary layers; None: there are none.
 
     ``name``, ``vertices`` (n, 2) float64, ``quads`` (m, 4) int64 counter-clockwise, ``segments`` (s, 2) int64: see
     envs.mesh.Mesh.
     """
 
     result: MeshResult
+    layered: np.ndarray | None = None
 
     @classmethod
     def from_domain(cls, domain: Domain, policy: Policy | None = None, **options: Any) -> Self:
@@ -89,17 +97,22 @@ class Mesh(PlainMesh):
         ]
         whole = assembly(geometry, [result.finished for result in results])
         raw = assembly(geometry, [result.raw for result in results])
+        layered = in_layers(geometry, results)
         if geometry.mirror is not None:
             whole, raw = mirrored(whole, geometry.mirror), mirrored(raw, geometry.mirror)
-        alone = len(results) == 1 and geometry.mirror is None
+            layered = None if layered is None else np.tile(layered, 2)
+        alone = len(results) == 1 and geometry.mirror is None and layered is None
         result = results[0] if alone else combined(results, raw, whole)
         return cls(
             whole.name, whole.vertices, whole.quads, whole.segments, whole.complete, result,
-            groups=whole.groups, curved=whole.curved,
+            layered=layered, groups=whole.groups, curved=whole.curved,
         )  # fmt: skip
 
-    def quality(self) -> dict[str, float]:
+    def quality(self, *, boundary_layers: bool = True) -> dict[str, float]:
         """The mesh in numbers, by name; docs/glossary.md explains them.
+
+        Args:
+            boundary_layers: whether quads of boundary layers, which are thin, count in eta.
 
         Returns:
             elements: their number.
@@ -111,7 +124,11 @@ class Mesh(PlainMesh):
             triangles, non_convex: numbers, always 0.
             And ``_authors``, ``_paper``: the same by other definitions (see ``mesh_geometry.metrics.measure``).
         """
-        return measure(self)
+        figures = measure(self)
+        if not boundary_layers and self.layered is not None and not self.layered.all():
+            eta = element_quality(self.vertices, self.quads[~self.layered])
+            figures |= {"eta": float(eta.mean()), "eta_p5": float(np.percentile(eta, 5)), "eta_min": float(eta.min())}
+        return figures
 
     def plot(self, path: str | os.PathLike[str]) -> None:
         """Draw it, coloured by quality, into a ``.png`` or ``.svg``."""
@@ -165,9 +182,24 @@ def assembly(geometry: Geometry, meshes: Sequence[PlainMesh]) -> PlainMesh:
     """The regions' meshes as one, with their names."""
     parts = [
         Part(mesh, region.name, region.sides, region.curved)
-        for mesh, region in zip(meshes, geometry.regions, strict=True)
+        for mesh, region in zip(map(whole_region, geometry.regions, meshes), geometry.regions, strict=True)
     ]
     return assembled(parts, geometry.name, geometry.inside, geometry.places)
+
+
+def whole_region(region: Region, mesh: PlainMesh) -> PlainMesh:
+    """The mesh of a region's domain, and the boundary layers around it if there are any."""
+    return mesh if region.layers is None else with_layers(region.layers, mesh)
+
+
+def in_layers(geometry: Geometry, results: Sequence[MeshResult]) -> np.ndarray | None:
+    """Which quads of the regions' meshes, one after the other, are of boundary layers; None: there are no layers."""
+    if all(region.layers is None for region in geometry.regions):
+        return None
+    counts: list[int] = []
+    for region, result in zip(geometry.regions, results, strict=True):
+        counts += [0 if region.layers is None else len(region.layers.quads), len(result.finished.quads)]
+    return np.repeat(np.tile([True, False], len(results)), counts)
 
 
 def combined(results: Sequence[MeshResult], raw: PlainMesh, finished: PlainMesh) -> MeshResult:
@@ -208,6 +240,7 @@ def mesh(
     names: Mapping[str, Test] | None = None,
     regions: Sequence[str] | None = None,
     mirror: str | Sequence[Sequence[float]] | None = None,
+    boundary_layers: BoundaryLayers | None = None,
     **options: Any,
 ) -> Mesh:
     """Mesh a polygon, or several that share boundary, as one conforming mesh.
@@ -239,6 +272,7 @@ def mesh(
             the name, before what the file says.
         regions: a name for each polygon, before what the file says.
         mirror: an axis of symmetry, ``x``, ``y`` or two points: one half is meshed, the other is its mirror image.
+        boundary_layers: rows of thin quads along named sides; `Mesh.layered` tells which they are.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``: see mesher.mesh_domain.
 
     Returns:
@@ -266,6 +300,8 @@ def mesh(
         geometry = with_regions(geometry, regions)
     if names:
         geometry = named_by(geometry, names)
+    if boundary_layers is not None:
+        geometry = with_layers_along(geometry, boundary_layers)
     if policy is None:
         if density not in SHIPPED:
             raise ValueError(f"density = {density!r}: use one of {', '.join(SHIPPED)}")
