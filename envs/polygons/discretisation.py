@@ -16,6 +16,16 @@ from envs.polygons.boundary import Boundary, Chain, boundary
 from envs.polygons.deviation import bulges
 from envs.polygons.outline import CORNER
 from envs.polygons.parity import made_even
+from envs.polygons.periodic import (
+    PeriodicSides,
+    Twins,
+    common_nodes,
+    equal_counts,
+    tied,
+    twins_of,
+    with_equal_sizes,
+    with_twins,
+)
 from envs.polygons.rings import EDGE_LENGTH, HOLE_LEAST, OUTER_LEAST, check_count, extent
 from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE, Sizes, least_pieces, sizes
@@ -43,6 +53,7 @@ def discretised(
     wanted: Floats | None = None,
     size: Size | None = None,
     keep: Floats = NOWHERE,
+    periodic: Sequence[PeriodicSides] = (),
 ) -> list[list[Floats]]:
     """The rings of polygons with vertices an edge length apart, an even number in each polygon.
 
@@ -59,13 +70,16 @@ def discretised(
         wanted: (m, 3) float64, x, y and a size wanted there, from which sizes grow.
         size: what is wanted at places on the outlines, as a function.
         keep: (k, 2) places on the outlines that become vertices and stay: where names begin and end.
+        periodic: pairs of sides that get the same points; without an edge length they have them already.
 
     Returns:
         For each polygon its rings in the same orientation.
 
     Raises:
-        DomainError: more vertices than a boundary may have.
+        DomainError: more vertices than a boundary may have, or periodic sides of which one has a stretch that the other
+            has not.
     """
+    twins: list[Twins] = []
     if edge_length is None:
         graph = boundary(polygons, coarse=0.0)
         longest = max(chain.length for chain in graph.chains)
@@ -79,6 +93,11 @@ def discretised(
         # By less, so that a polygon of as many vertices as a full turn has segments keeps them.
         corner = min(CORNER, 2.0 * np.pi / curvature * (1.0 - 1e-9))
         graph = boundary(whole, coarse=edge_length, corner=corner, keep=keep)
+        if periodic:
+            keep = np.concatenate([keep, common_nodes(graph, periodic)])
+            whole = conforming(polygons, keep)
+            graph = boundary(whole, coarse=edge_length, corner=corner, keep=keep)
+            twins = twins_of(graph, periodic, source)
         along = sizes(
             graph,
             whole,
@@ -89,8 +108,10 @@ def discretised(
             wanted=wanted,
             size=size,
         )
+        along = with_equal_sizes(along, twins)
         counts = counts_of(graph, along, source, bulge=0.5 * float(np.tan(np.pi / curvature)))
-    even_counts(graph, along, counts, source)
+        equal_counts(counts, twins)
+    even_counts(graph, along, counts, source, twins)
     for polygon in graph.rings:
         total = int(sum(counts[use.chain] for ring in polygon for use in ring))
         check_count(total, source, f"use a larger {EDGE_LENGTH}", holes=len(polygon) > 1)
@@ -158,8 +179,13 @@ def counts_of(graph: Boundary, wanted: Sequence[Sizes], source: str, bulge: floa
     return counts
 
 
-def even_counts(graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: str) -> None:
-    """Add one segment where that distorts the sizes least, in place, until every polygon has an even total."""
+def even_counts(
+    graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: str, twins: Sequence[Twins] = ()
+) -> None:
+    """Add one segment where that distorts the sizes least, in place, until every polygon has an even total.
+
+    Of two chains that are twins both get one, or none.
+    """
     users: list[list[int]] = [[] for _ in graph.chains]
     for p, polygon in enumerate(graph.rings):
         for ring in polygon:
@@ -170,13 +196,13 @@ def even_counts(graph: Boundary, wanted: Sequence[Sizes], counts: Ints, source: 
     measures = np.array([size.measure for size in wanted])
     # How far, as a ratio, the segments' size then is from the wanted one.
     costs = np.abs(np.log(measures / (counts + 1))) + TWIN * have_twins(measures)
-    chosen = made_even(users, costs, odd)
+    chosen = made_even(*tied(users, costs, twins), odd)
     if chosen is None:
         raise DomainError(
             f"{source}: polygon {odd[0]} has {totals[odd[0]]} boundary vertices, an odd number, and shares all of its "
             "boundary with two others; remove copies of polygons"
         )
-    counts[list(chosen)] += 1
+    counts[list(with_twins(set(chosen), twins))] += 1
 
 
 def have_twins(measures: Floats) -> np.ndarray:

@@ -20,8 +20,10 @@ from envs.polygons.curved_edges import curved_edges, on_curves
 from envs.polygons.drawing import Drawing, Line, Place
 from envs.polygons.named_sides import along, line_of_segments, parts, segments_of, sides_by_name, tolerance
 from envs.polygons.offered_names import offered
+from envs.polygons.periodic import PeriodicSides
 from envs.polygons.rings import extent
 from envs.polygons.rings import place as shown
+from envs.printable import printable
 from envs.types import Domain, DomainError, Floats, Ints
 
 #: Which of (m, 2) places belong to a name: (m,) bool.
@@ -63,6 +65,7 @@ class Geometry:
         mirror: the axis that the regions are to the left of, as one half of what was drawn; None: they are all.
         stated: whether the drawing names anything; else the sides' names are those that are offered.
         notes: what the user is to be told, a line each.
+        periodic: pairs of sides that have the same points.
     """
 
     name: str
@@ -72,6 +75,7 @@ class Geometry:
     mirror: Axis | None = None
     stated: bool = True
     notes: tuple[str, ...] = ()
+    periodic: tuple[PeriodicSides, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,18 @@ class Laid:
     def divide(self) -> bool:
         """Whether there is anything inside for elements to follow."""
         return bool(self.inside) or len(self.places) > 0
+
+    def named(self, name: str, source: str) -> list[Floats]:
+        """The lines of a name, each (k, 2).
+
+        Raises:
+            DomainError: there is none.
+        """
+        found = [line.points for line in self.lines if line.name == name]
+        if not found:
+            known = ", ".join(dict.fromkeys(printable(line.name) for line in self.lines if line.name))
+            raise DomainError(f"{source}: no side is called {printable(name)}; the sides are {known or 'not named'}")
+        return found
 
 
 def laid(drawing: Drawing, polygons: Sequence[Sequence[Floats]], source: str) -> Laid:

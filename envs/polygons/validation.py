@@ -32,6 +32,7 @@ from envs.polygons.geometry import Geometry, Region, laid, on_their_curves, side
 from envs.polygons.halves import halves
 from envs.polygons.overlaps import check_overlaps
 from envs.polygons.parity import with_even_count
+from envs.polygons.periodic import periodic_sides
 from envs.polygons.rings import (
     EDGE_LENGTH,
     OUTER_LEAST,
@@ -79,6 +80,7 @@ def geometry_of(
     allow_large: bool = False,
     room: Callable[[float, str], None] | None = None,
     mirror: str | Sequence[Sequence[float]] | None = None,
+    periodic: Sequence[tuple[str, str]] = (),
 ) -> Geometry:
     """The regions of a drawing, with common points where they share their boundary.
 
@@ -96,6 +98,7 @@ def geometry_of(
         room: called, before the outlines are split, with the elements that are expected of all of them and what
             messages begin with; raises an error where there is no room for so many.
         mirror: an axis of symmetry, ``x``, ``y``, ``x0,y0,x1,y1`` or two points: the half to its left alone.
+        periodic: pairs of names of sides that get the same points.
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several; a line that lies
@@ -119,6 +122,7 @@ def geometry_of(
         sources = [sources[half.of] for half in parts]
         drawing = to_the_left(drawing, axis)
     lines = laid(drawing, outlines, source)
+    pairs = [periodic_sides(*(lines.named(name, source) for name in both), outlines, source, both) for both in periodic]
     faces = [Face(rings, NOWHERE, NOWHERE, p) for p, rings in enumerate(outlines)]
     if lines.divide:
         check_no_seams(outlines, sources)
@@ -146,7 +150,7 @@ def geometry_of(
             valid, source, edge_length=edge_length, grading=grading, curvature=curvature,
             wanted=wanted if wanted is not None and len(wanted) else None,
             size=within(size, outlines) if callable(size) else None,
-            keep=np.concatenate([lines.keep, *(face.marks for face in faces)]),
+            keep=np.concatenate([lines.keep, *(face.marks for face in faces)]), periodic=pairs,
         )  # fmt: skip
         if edge_length is not None:
             deviations = [deviation(before, after) for before, after in zip(valid, fine, strict=True)]
@@ -173,6 +177,7 @@ def geometry_of(
         axis,
         any([*regions, *(line.name for line in drawing.lines), *(place.name for place in drawing.places)]),
         tuple(drawing.notes),
+        tuple(pairs),
     )
 
 

@@ -94,6 +94,9 @@ def add(commands: Any) -> None:
                           help="elements grow, or shrink, inwards to this edge length, likewise")  # fmt: skip
     boundary.add_argument("--mirror", metavar="AXIS",
                           help="mesh one half and mirror it: the axis of symmetry, x, y, or x0,y0,x1,y1")  # fmt: skip
+    boundary.add_argument("--periodic", action="append", nargs=2, default=[], metavar=("A", "B"),
+                          help="two sides, one the other shifted or turned, get the same points; "
+                          "repeatable")  # fmt: skip
     rows = mesh.add_argument_group("boundary layers")
     rows.add_argument("--boundary-layers", type=whole(1, 200), metavar="N", help="rows of thin quads along sides")
     rows.add_argument("--along", action="append", default=[], metavar="NAME",
@@ -165,7 +168,7 @@ def run(options: argparse.Namespace) -> int:
         options.domain, layers=tuple(options.layer), join=options.join, fix_parity=options.fix_parity,
         edge_length=options.edge_length, grading=options.grading, curvature=options.curvature,
         size=own if said is None else said, allow_large=options.yes, mirror=options.mirror,
-        room=check_memory,
+        periodic=[(first, second) for first, second in options.periodic], room=check_memory,
     )  # fmt: skip
     for told in geometry.notes:
         note(f"{options.domain}: {told}")

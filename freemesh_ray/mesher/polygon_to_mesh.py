@@ -6,7 +6,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,11 +17,12 @@ from envs.mesh import Mesh as PlainMesh
 from envs.polygons.axis import axis_of
 from envs.polygons.geometry import Geometry, Region, Test, named_by, with_regions
 from envs.polygons.layers_along import BoundaryLayers, with_layers_along
+from envs.polygons.periodic import node_pairs
 from envs.polygons.size_cells import Size
 from envs.polygons.sizing import CURVATURE
 from envs.quality import element_quality
 from envs.readers.size_input import size_of
-from envs.types import NO_WISHES, Domain, Floats, WantedSizes
+from envs.types import NO_WISHES, Domain, Floats, Ints, WantedSizes
 from freemesh_ray import export, plots
 from freemesh_ray.mesh_geometry import swept
 from freemesh_ray.mesh_geometry.assembly import Part, assembled
@@ -45,6 +46,7 @@ class Mesh(PlainMesh):
         result: how it came about: the mesh as the policy left it, times, what recovery was needed; of boundary layers
             nothing.
         layered: (m,) bool, the quads of boundary layers; None: there are none.
+        periodic: for each pair of periodic sides (k, 2) int64: the vertices along the first one, each with its image.
 
     ``name``, ``vertices`` (n, 2) float64, ``quads`` (m, 4) int64 counter-clockwise, ``segments`` (s, 2) int64: see
     envs.mesh.Mesh.
@@ -52,6 +54,7 @@ class Mesh(PlainMesh):
 
     result: MeshResult
     layered: np.ndarray | None = None
+    periodic: dict[tuple[str, str], Ints] = field(default_factory=dict)
 
     @classmethod
     def from_domain(cls, domain: Domain, policy: Policy | None = None, **options: Any) -> Self:
@@ -103,9 +106,12 @@ class Mesh(PlainMesh):
             layered = None if layered is None else np.tile(layered, 2)
         alone = len(results) == 1 and geometry.mirror is None and layered is None
         result = results[0] if alone else combined(results, raw, whole)
+        pairs = {
+            pair.names: node_pairs(whole.vertices, whole.segments, pair, geometry.name) for pair in geometry.periodic
+        }
         return cls(
             whole.name, whole.vertices, whole.quads, whole.segments, whole.complete, result,
-            layered=layered, groups=whole.groups, curved=whole.curved,
+            layered=layered, periodic=pairs, groups=whole.groups, curved=whole.curved,
         )  # fmt: skip
 
     def quality(self, *, boundary_layers: bool = True) -> dict[str, float]:
@@ -241,6 +247,7 @@ def mesh(
     regions: Sequence[str] | None = None,
     mirror: str | Sequence[Sequence[float]] | None = None,
     boundary_layers: BoundaryLayers | None = None,
+    periodic: Sequence[tuple[str, str]] = (),
     **options: Any,
 ) -> Mesh:
     """Mesh a polygon, or several that share boundary, as one conforming mesh.
@@ -273,6 +280,8 @@ def mesh(
         regions: a name for each polygon, before what the file says.
         mirror: an axis of symmetry, ``x``, ``y`` or two points: one half is meshed, the other is its mirror image.
         boundary_layers: rows of thin quads along named sides; `Mesh.layered` tells which they are.
+        periodic: pairs of names of sides, one the other shifted or turned, that get the same points; `Mesh.periodic`
+            tells which vertices belong together. Names are those of the drawing, or those offered.
         options: ``seed``, ``best_of``, ``search``, ``smooth``, ``clean``, ``effort``: see mesher.mesh_domain.
 
     Returns:
@@ -288,7 +297,8 @@ def mesh(
         own = own_sizes(polygon)
     split: dict[str, Any] = {
         "fix_parity": fix_parity, "edge_length": edge_length, "grading": grading, "curvature": curvature,
-        "size": own if said is None else said, "allow_large": allow_large, "mirror": mirror, "room": check_memory,
+        "size": own if said is None else said, "allow_large": allow_large, "mirror": mirror,
+        "periodic": periodic, "room": check_memory,
     }  # fmt: skip
     if isinstance(polygon, str | os.PathLike):
         geometry = load_geometry(polygon, layers=tuple(layers), join=join, **split)
