@@ -122,7 +122,9 @@ def geometry_of(
         sources = [sources[half.of] for half in parts]
         drawing = to_the_left(drawing, axis)
     lines = laid(drawing, outlines, source)
-    pairs = [periodic_sides(*(lines.named(name, source) for name in both), outlines, source, both) for both in periodic]
+    pairs = [
+        periodic_sides(lines.named(a, source), lines.named(b, source), outlines, source, (a, b)) for a, b in periodic
+    ]
     faces = [Face(rings, NOWHERE, NOWHERE, p) for p, rings in enumerate(outlines)]
     if lines.divide:
         check_no_seams(outlines, sources)
