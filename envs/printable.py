@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-#: An address begins behind these three letters, unless it is a file's: ``sqlite:///file``.
-AUTHORITY = re.compile("://(?!/)")
+#: An address begins behind these three letters, unless it is a file's: ``sqlite:///file``, ``file:///folder``.
+AUTHORITY = re.compile("(?<!sqlite)(?<!file)://|://(?!/)", re.IGNORECASE)
 WORD = re.compile(r"\S+")
 
 

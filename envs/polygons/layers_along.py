@@ -67,7 +67,7 @@ def with_layers_along(geometry: Geometry, wanted: BoundaryLayers) -> Geometry:
             called = ", ".join(map(printable, known)) or "not named"
             raise DomainError(f"{geometry.name}: no side is called {printable(name)}; the sides are {called}")
     if geometry.inside or geometry.places:
-        raise DomainError(f"{geometry.name}: boundary layers beside lines or points inside; leave one of the two out")
+        raise DomainError(f"{geometry.name}: boundary layers beside lines or points inside; remove one of the two")
     regions = tuple(
         _layered(region, rows, [name for name in names if name in region.sides]) for region in geometry.regions
     )
