@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from envs.polygons.sizing import CURVATURE
 from envs.quality import element_quality
 from envs.readers.size_input import size_of
 from envs.types import NO_WISHES, Domain, Floats, Ints, WantedSizes
-from freemesh_ray import export, plots
+from freemesh_ray import convert, export, plots
 from freemesh_ray.mesh_geometry import swept
 from freemesh_ray.mesh_geometry.assembly import Part, assembled
 from freemesh_ray.mesh_geometry.layered import with_layers
@@ -33,6 +35,10 @@ from freemesh_ray.mesh_geometry.swept import SweptMesh
 from freemesh_ray.mesher import MeshResult, check_memory, mesh_domain
 from freemesh_ray.plots import replay
 from freemesh_ray.policies.policy import DEFAULT, DENSITY, SHIPPED, Policy
+
+if TYPE_CHECKING:
+    import meshio
+    from skfem import MeshQuad
 
 #: What a mesh can be written as.
 SUFFIXES = (*export.SUFFIXES, *plots.SUFFIXES, replay.SUFFIX)
@@ -139,6 +145,31 @@ class Mesh(PlainMesh):
     def plot(self, path: str | os.PathLike[str]) -> None:
         """Draw it, coloured by quality, into a ``.png`` or ``.svg``."""
         plots.draw_mesh(self, Path(path))
+
+    def _repr_html_(self) -> str:
+        """The picture and the figures in one line, as notebooks show a mesh."""
+        figures = self.quality()
+        text = (
+            f"{self!r}, eta {figures['eta']:.3f} (least {figures['eta_min']:.3f}), {figures['singularity']:.0f} "
+            f"irregular nodes (least {figures['singularity_least']:.0f})"
+        )
+        picture = base64.b64encode(plots.mesh_png(self)).decode()
+        return (
+            f'<figure><img src="data:image/png;base64,{picture}" alt="{escape(self.name)}" style="max-width: 100%">'
+            f"<figcaption>{escape(text)}</figcaption></figure>"
+        )
+
+    def to_meshio(self) -> meshio.Mesh:
+        """As meshio's mesh, with names; see convert.to_meshio."""
+        return convert.to_meshio(self)
+
+    def to_pyvista(self) -> Any:
+        """As PyVista's blocks, with names; see convert.to_pyvista."""
+        return convert.to_pyvista(self)
+
+    def to_skfem(self) -> MeshQuad:
+        """As scikit-fem's mesh, with names; see convert.to_skfem."""
+        return convert.to_skfem(self)
 
     def extruded(self, height: float, layers: int = 1, ratio: float = 1.0, *, order: int = 1) -> SweptMesh:
         """The hexahedra between the mesh and itself at a height; see mesh_geometry.swept.extruded."""

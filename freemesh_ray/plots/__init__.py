@@ -8,7 +8,7 @@ from freemesh_ray.plots.bands import Panel, draw_bands
 from freemesh_ray.plots.boxes import PANELS, draw_boxes
 from freemesh_ray.plots.improvement_plot import Pair, draw_improvements
 from freemesh_ray.plots.learning_curves import draw_curves
-from freemesh_ray.plots.mesh_plot import caption, draw_mesh
+from freemesh_ray.plots.mesh_plot import caption, draw_mesh, mesh_png
 from freemesh_ray.plots.names_plot import draw_names
 from freemesh_ray.plots.page import SUFFIXES
 from freemesh_ray.plots.settings import draw_settings
@@ -16,5 +16,5 @@ from freemesh_ray.plots.side_by_side import draw_side_by_side
 
 __all__ = [
     "PANELS", "SUFFIXES", "Pair", "Panel", "caption", "draw_bands", "draw_boxes", "draw_curves", "draw_improvements",
-    "draw_mesh", "draw_names", "draw_settings", "draw_side_by_side",
+    "draw_mesh", "draw_names", "draw_settings", "draw_side_by_side", "mesh_png",
 ]  # fmt: skip
