@@ -1,4 +1,4 @@
-"""A mesh as meshio's: quads, then the edges of named sides and lines, then named points, with a cell set for each name."""
+"""A mesh as meshio's: quads, then edges of named sides and lines, then named points, with a cell set for each name."""
 
 from __future__ import annotations
 
