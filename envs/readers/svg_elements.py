@@ -123,6 +123,10 @@ def tree_of(content: bytes, source: str) -> Element:
     parser.ExternalEntityRefHandler = lambda *_: 0
     try:
         parser.Parse(content, True)
+    except DomainError:
+        raise
+    except (ValueError, LookupError):  # expat asks Python for encodings that it does not know
+        raise DomainError(f"{source}: in an encoding that is not read; save it as UTF-8") from None
     except expat.ExpatError as error:
         raise DomainError(
             f"{source}: line {error.lineno}: not valid XML ({excerpt(str(error).partition(':')[0])}); save it again"

@@ -245,16 +245,20 @@ def thinner(geometry: Geometry) -> list[str]:
 
 def write(mesh: Mesh, outputs: Sequence[Path], options: argparse.Namespace) -> list[str]:
     """Write a mesh, or the hexahedra that it sweeps; what the user is to be told, a line each."""
+    from envs.polygons.element_count import check_elements
     from freemesh_ray import export
 
     wanted = {"version": options.msh_version, "quadratic": options.quadratic, "element_type": options.element_type}
     if options.extrude is None and options.revolve is None:
         return [line for path in outputs for line in mesh.write(path, order=options.order, **wanted)]
     order = 2 if options.quadratic else options.order or 1
+    layers = options.layers or (1 if options.revolve is None else 24)
+    if not options.yes:
+        check_elements(layers * len(mesh.quads), mesh.name)
     solid = (
-        mesh.extruded(options.extrude, options.layers or 1, order=order)
+        mesh.extruded(options.extrude, layers, order=order)
         if options.revolve is None
-        else mesh.revolved(options.revolve, options.layers or 24, options.axis, order=order)
+        else mesh.revolved(options.revolve, layers, options.axis, order=order)
     )
     told: list[str] = []
     for path in outputs:

@@ -78,10 +78,15 @@ def check(value: Any, field: Setting, place: str, key: str) -> Any:
         raise ConfigError(f"{place}: {key}: must be {field}, not {_shown(value)}{quote}") from None
 
 
+#: What may be a user and a password, however it is written.
+LOGIN = re.compile("://.*@")
+
+
 def _shown(value: Any) -> str:
     """A value as one short piece of a message line."""
     try:
         text = json.dumps(value, ensure_ascii=False, default=str)
     except ValueError:  # Python writes no number of so many digits
         text = "a number of thousands of digits"
+    text = LOGIN.sub("://", text)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -13,6 +13,9 @@ from freemesh_ray.config.field import Field
 #: A place for files; a bucket is one where it is mounted.
 FOLDER = Field(str, pattern=r"(?s)(?!\w[\w+.-]*://).*\S.*", hint="a folder, not a URL: mount the bucket")
 
+#: A name, an address, or one of version 6 in brackets.
+HOST = r"([\w.-]+|\[[0-9a-fA-F:.]+\])"
+
 #: What a plug-in is named by.
 PLUG_IN = Field(str, pattern=SPEC, hint="package.module:Name", optional=True)
 PLUG_INS = replace(PLUG_IN, optional=False, many=True, empty=True)
@@ -62,7 +65,7 @@ SCHEMA: dict[str, Field] = {
     "checkpoint.keep": Field(int, 1, 1000),
     "checkpoint.retries": Field(int, 0, 1000),
     "tracking.uri": Field(
-        str, pattern=r"sqlite:///(?!:memory:).+|https?://[^\s@]+", optional=True,
+        str, pattern=rf"sqlite:///(?!:memory:).+|https?://{HOST}(:\d{{1,5}})?([/?#][^\s@]*)?", optional=True,
         hint="sqlite:///FILE or http://HOST:PORT",
     ),
     "tracking.experiment": Field(str),

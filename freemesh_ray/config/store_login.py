@@ -8,20 +8,33 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping
 
-from envs.printable import without_login
+#: User, password, host and port of an address, behind ``://``.
+HOST = re.compile(r"[^/?#\\]+")
+
+#: Kinds of addresses that have none of these.
+FILES = ("sqlite", "file")
 
 #: Addresses and their ``user:password``, as JSON.
 LOGINS = "FREEMESH_TRACKING_LOGINS"
 
 
 def set_aside(uri: str) -> str:
-    """The address without its user and password, which this process remembers."""
-    bare = without_login(uri)
-    if bare != uri:
-        login = uri.partition("://")[2].removesuffix(bare.partition("://")[2]).removesuffix("@")
-        remember({_key(bare): login})
+    """The address without its user and password, which this process remembers.
+
+    They stand before the host: an ``@`` behind it is left where it is, and no address of a store is taken that has one.
+    """
+    scheme, _, rest = uri.partition("://")
+    before = HOST.match(rest)
+    if before is None or scheme in FILES:
+        return uri
+    login, at, host = before[0].rpartition("@")
+    if not at:
+        return uri
+    bare = f"{scheme}://{host}{rest[before.end() :]}"
+    remember({_key(bare): login})
     return bare
 
 

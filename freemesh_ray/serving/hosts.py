@@ -18,6 +18,9 @@ from freemesh_ray.serving.errors import error_response
 #: Names of this machine, whatever it listens on.
 LOCAL = ("localhost", "127.0.0.1", "::1")
 
+#: The last port that there is.
+LAST_PORT = 65535
+
 #: A host, or an address of version 6 in brackets, and a port.
 AUTHORITY = re.compile(r"(?:\[([0-9a-fA-F:.]+)\]|([^\[\]:/?#@\s]+))(:\d{0,5})?")
 
@@ -53,8 +56,12 @@ class KnownHosts:
             return "host: not a name of this server; use --allowed-hosts to have more"
         for origin in origins:
             # What another port of the same host shows is another server's page.
-            authority = origin.partition("://")[2]
-            if not authority or (authority not in hosts and named(authority, usual_port=True) not in self._pages):
+            scheme, _, authority = origin.partition("://")
+            if (
+                not authority
+                or scheme not in ("http", "https")
+                or (authority not in hosts and named(authority, usual_port=True) not in self._pages)
+            ):
                 return "origin: another server's page; use --allowed-hosts to let its pages use this server"
         return ""
 
@@ -62,7 +69,7 @@ class KnownHosts:
 def named(authority: str, usual_port: bool = False) -> str | None:
     """The name in a host and port; None where there is none, or where it has a port and must not."""
     found = AUTHORITY.fullmatch(authority)
-    if found is None or (usual_port and found[3]):
+    if found is None or (usual_port and found[3]) or int((found[3] or "")[1:] or 0) > LAST_PORT:
         return None
     return normal(found[1] or found[2])
 

@@ -120,18 +120,33 @@ def takes_artifacts(uri: str, place: str) -> bool:
         place: address of artifacts, as the store tells it.
     """
     target = urlsplit(place)
+    if "\0" in unquote(place):
+        return False
     if not uri.startswith(SQLITE):
+        # Whoever sends or serves a path may decode it, and go up in it.
+        if any({".", ".."} & set(spelt.split("/")) or re.search(r"[?#\\]", spelt) for spelt in decoded(place)):
+            return False
         here = urlsplit(uri)
         address = here.netloc.rpartition("@")[2]
         if target.scheme == "mlflow-artifacts":
             return target.netloc in ("", address)
         served = f"{here.path.rstrip('/')}/api/2.0/mlflow-artifacts/artifacts/"
         return (target.scheme, target.netloc) == (here.scheme, address) and target.path.startswith(served)
-    if target.scheme not in ("", "file") or target.netloc or "\0" in place:
+    if target.scheme not in ("", "file") or target.netloc:
         return False
     home = Path(uri.removeprefix(SQLITE)).parent
-    path = Path(unquote(target.path) if target.scheme else place).resolve()
-    return any(path.is_relative_to((home / folder).resolve()) for folder in ARTIFACTS)
+    folders = [(home / folder).resolve() for folder in ARTIFACTS]
+    # MLflow may decode a path that has no scheme, too.
+    paths = [Path(spelt).resolve() for spelt in ([unquote(target.path)] if target.scheme else [place, unquote(place)])]
+    return all(any(path.is_relative_to(folder) for folder in folders) for path in paths)
+
+
+def decoded(text: str) -> Iterator[str]:
+    """The text as it is, and with its percent codes decoded again and again, until none is left."""
+    yield text
+    while (once := unquote(text)) != text:
+        text = once
+        yield text
 
 
 def artifacts_of(client: Any, uri: str, place: str) -> Any:

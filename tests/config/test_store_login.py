@@ -24,6 +24,8 @@ FULL, BARE = f"http://alice:{PASSWORD}@host:5000/mlflow", "http://host:5000/mlfl
 STUDY = {"study": {"title": "Two", "seeds": [1], "variants": {"near": None, "far": {"learner.gamma": 0.9}}}}
 
 words = st.text(st.characters(exclude_categories=("Z", "C")), min_size=1, max_size=20)
+#: A user, or a password, as it may stand in an address.
+logins = words.filter(lambda word: not set(word) & set("/?#\\"))
 hosts = st.from_regex(r"[a-z]{1,8}(\.[a-z]{1,8})?(:[0-9]{2,5})?(/[a-z]{1,8})?", fullmatch=True)
 
 
@@ -56,7 +58,7 @@ def test_it_takes_time_with_the_length_of_the_text() -> None:
         without_login(text)
 
 
-@given(words, words, hosts)
+@given(logins, logins, hosts)
 def test_a_login_goes_with_its_own_address_alone(user: str, password: str, host: str) -> None:
     login = f"{user}:{password}"
     bare = set_aside(f"https://{login}@{host}")
@@ -65,6 +67,34 @@ def test_a_login_goes_with_its_own_address_alone(user: str, password: str, host:
     assert with_login(bare) == f"https://{login}@{host}"
     for other in (f"http://{host}", f"https://{host}x", f"https://x{host}", f"{bare}/deeper", "sqlite:///mlflow.db"):
         assert with_login(other) == other
+
+
+@given(hosts, hosts, st.sampled_from("/?#\\"), words)
+def test_no_address_becomes_another_host(host: str, other: str, sign: str, path: str) -> None:
+    """An @ behind the host is no login: whoever wrote it would have the data, and the login, sent elsewhere."""
+    for address in (f"http://{host}{sign}{path}@{other}", f"http://u:{PASSWORD}@{host}{sign}{path}@{other}"):
+        bare = set_aside(address)
+        assert bare.startswith(f"http://{host}{sign}")
+        with pytest.raises(UserError) as told:
+            config.check(bare, config.SCHEMA["tracking.uri"], "mine.yaml", "tracking.uri")
+        assert PASSWORD not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "login", [f"u:{PASSWORD} w", f"u:{PASSWORD}/w", f"u:{PASSWORD}?w", f"u:{PASSWORD}#", "u:p@" + PASSWORD]
+)
+def test_a_password_is_not_shown_by_a_refusal(login: str) -> None:
+    address = set_aside(f"http://{login}@host name/x")
+    with pytest.raises(UserError) as told:
+        config.check(address, config.SCHEMA["tracking.uri"], "mine.yaml", "tracking.uri")
+    assert PASSWORD not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "address", ["http://h", "https://h.example:5000/a/b?c=d#e", "http://[::1]:5000", "sqlite:///a@b.db"]
+)
+def test_addresses_of_stores_are_taken(address: str) -> None:
+    assert config.check(set_aside(address), config.SCHEMA["tracking.uri"], "mine.yaml", "tracking.uri") == address
 
 
 def test_another_process_can_be_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,8 @@ from envs.polygons.axis import axis_of
 from envs.types import Floats, Ints
 from freemesh_ray.mesh_geometry.hexahedra import AROUND, EDGES, FACES, corner_jacobians, faces_of, volumes
 from freemesh_ray.mesh_geometry.swept import SweptMesh, extruded, revolved
+from freemesh_ray.storage import free_memory
+from freemesh_ray.storage.free_memory import MemoryShortError
 
 #: The powers of the 20-node hexahedron's shape functions, and its nodes.
 CORNERS = np.array(
@@ -378,3 +380,9 @@ def test_a_pinch_on_the_axis_is_told() -> None:
     mesh = whole(vertices, np.concatenate([one.quads, [[1, 5, 6, 4]]]))
     with pytest.raises(UserError, match=r"^grid: at \(0\.0, 1\.0\) two parts of the mesh touch the axis"):
         revolved(mesh, 90.0, 4)
+
+
+def test_a_solid_that_memory_has_no_room_for_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_memory, "available", lambda: 1e6)
+    with pytest.raises(MemoryShortError, match=r"^grid: a solid of 2,000 hexahedra takes .* use fewer --layers"):
+        extruded(grid(2, 1), 1.0, 1000)

@@ -116,7 +116,7 @@ def test_the_token() -> None:
     [(b"localhost", 200), (b"LOCALHOST.:80", 200), (b"127.0.0.1:8000", 200), (b"[::1]:8000", 200), (b"10.1.2.3:1", 200),
      (b"Mesh.Example.org", 200), (b"evil.example", 403), (b"localhost.evil.example", 403), (b"127.0.0.2", 403),
      (b"", 403), (b"[::1", 403), (b"localhost:80:80", 403), (b"localhost@evil.example", 403), (b"\xff", 403),
-     (b"10.1.2.3.nip.io", 403)],
+     (b"10.1.2.3.nip.io", 403), (b"localhost:65535", 200), (b"localhost:65536", 403), (b"localhost:99999", 403)],
 )  # fmt: skip
 @pytest.mark.parametrize("path", ["/mesh", "/health"])
 def test_the_host_that_is_asked_for(host: bytes, status: int, path: str) -> None:
@@ -130,6 +130,7 @@ def test_the_host_that_is_asked_for(host: bytes, status: int, path: str) -> None
      (b"http://localhost:9000", 403), (b"http://localhost", 403), (b"http://127.0.0.1:9000", 403),
      (b"http://127.0.0.1", 403), (b"http://127.0.0.1:8000", 403), (b"https://mesh.example.org:9000", 403),
      (b"http://evil.example", 403), (b"null", 403),
+     (b"chrome-extension://localhost:8000", 403), (b"localhost:8000", 403),
      (b"", 403), (b"http://", 403), (b"\xff", 403)],
 )  # fmt: skip
 def test_the_page_that_asks(origin: bytes, status: int) -> None:

@@ -33,7 +33,7 @@ from freemesh_ray.serving.limits import Limits
 pytestmark = pytest.mark.slow
 
 TOKEN = "a secret"
-BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 4.0, 2
+BODY_BYTES, VERTICES, SECONDS, REPLICAS = 100_000, 2_000, 8.0, 2
 ELEMENTS = 240_000
 #: What the load asks for: some 4,000 elements, 0.1 s on a quiet core, a quick request.
 HEAVY = {"edge_length": 0.055, "effort": "quick"}

@@ -216,6 +216,15 @@ def test_a_doctype_without_declarations_is_passed_over(tmp_path: Path) -> None:
         assert polygon(svg.drawing_of_file(path, Reading())).area == 60
 
 
+@pytest.mark.parametrize("encoding", ["utf-7", "shift_jis", "cp65001x", "base64"])
+def test_an_encoding_that_is_not_read_is_one_line(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "part.svg"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><svg {HEAD}>{BOX}</svg>')
+    with pytest.raises(DomainError, match=r"encoding|not valid XML") as caught:
+        svg.drawing_of_file(path, Reading())
+    assert str(caught.value).startswith(f"{path}: ")
+
+
 BAD = {
     "empty": ("", "the file is empty"),
     "no xml": ("plate", "line 1: not valid XML"),
