@@ -136,8 +136,10 @@ def run(options: argparse.Namespace) -> int:
     from envs.types import Domain, WantedSizes
     from freemesh_ray.cli.kernel_progress import CompilingLine
     from freemesh_ray.mesher import check_memory
+    from freemesh_ray.mesher.coarse_outline import coarse_note
     from freemesh_ray.mesher.polygon_to_mesh import SUFFIXES, Mesh
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
+    from freemesh_ray.mesher.worst_element import worst_note
     from freemesh_ray.plots import SUFFIXES as PICTURES
     from freemesh_ray.policies.policy import SHIPPED, Policy
     from freemesh_ray.storage.atomic import OutputError
@@ -161,6 +163,9 @@ def run(options: argparse.Namespace) -> int:
         note(f"{options.domain}: {told}")
     if options.list_names:
         return list_names(geometry, outputs)
+    coarse = coarse_note(geometry) if options.edge_length is None and said is None and own is None else ""
+    if coarse:
+        note(f"{options.domain}: {coarse}")
     policy = Policy.load(options.policy or SHIPPED[options.density])
     warm_up(policy, CompilingLine(sys.stderr, NOTICE).show)
     wishes = {key: getattr(options, key) for key in ("seed", "best_of", "search", "smooth", "clean", "effort")}
@@ -184,7 +189,10 @@ def run(options: argparse.Namespace) -> int:
             note(change)
         figures = mesh.quality()
         say(mesh_line(mesh, figures, written))
-        if options.edge_length is None and said is None and figures["eta"] < POOR:
+        worst = worst_note(mesh)
+        if worst:
+            note(f"{mesh.name}: {worst}")
+        if options.edge_length is None and said is None and not coarse and figures["eta"] < POOR:
             note(
                 f"{mesh.name}: the {len(mesh.segments)} boundary segments are coarse or uneven; "
                 "--edge-length L splits them evenly"
