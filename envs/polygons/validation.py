@@ -79,6 +79,7 @@ def geometry_of(
     allow_large: bool = False,
     room: Callable[[float, str], None] | None = None,
     mirror: str | Sequence[Sequence[float]] | None = None,
+    numbers: Sequence[int] | None = None,
 ) -> Geometry:
     """The regions of a drawing, with common points where they share their boundary.
 
@@ -96,6 +97,7 @@ def geometry_of(
         room: called, before the outlines are split, with the elements that are expected of all of them and what
             messages begin with; raises an error where there is no room for so many.
         mirror: an axis of symmetry, ``x``, ``y``, ``x0,y0,x1,y1`` or two points: the half to its left alone.
+        numbers: what the polygons, and their domains unless lines divide them, are numbered by; None: 0, 1, ...
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several; a line that lies
@@ -104,7 +106,7 @@ def geometry_of(
     """
     check_sizes(edge_length, grading, curvature, source, sized=size is not None)
     name, polygons = printable(name), drawing.polygons
-    sources = numbered(source, len(polygons), ": polygon {}")
+    sources = numbered(source, len(polygons), ": polygon {}", numbers)
     split = edge_length is not None or size is not None or (fix_parity and len(polygons) > 1)
     # What is wrong with an outline is said in terms of its own vertices, before it gets others.
     least = 3 if split else OUTER_LEAST
@@ -154,7 +156,7 @@ def geometry_of(
             rings if lines.divide else checked_again(rings, where, edge_length)
             for rings, where in zip(fine, sources, strict=True)
         ]
-    names = numbered(name, len(faces), "[{}]")
+    names = numbered(name, len(faces), "[{}]", numbers if numbers and len(faces) == len(numbers) else None)
     domains = [
         slit_domain(called, rings, face.places, where) if lines.divide else joined(rings, called, where, fix_parity)
         for face, rings, called, where in zip(faces, valid, names, sources, strict=True)
@@ -176,9 +178,11 @@ def geometry_of(
     )
 
 
-def numbered(name: str, count: int, form: str) -> list[str]:
-    """The name, or where several have it one for each, followed by its number in a form."""
-    return [name] if count == 1 else [name + form.format(i) for i in range(count)]
+def numbered(name: str, count: int, form: str, numbers: Sequence[int] | None = None) -> list[str]:
+    """The name, or where several have it, or have numbers, one for each, followed by its number in a form."""
+    if numbers is None:
+        return [name] if count == 1 else [name + form.format(i) for i in range(count)]
+    return [name + form.format(i) for i in numbers]
 
 
 def check_no_seams(outlines: Sequence[Sequence[Floats]], sources: Sequence[str]) -> None:

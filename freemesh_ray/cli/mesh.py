@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from envs.errors import FAILED
 from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import FORMATS as READ
 from envs.readers.size_input import MEANING
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
+from freemesh_ray.cli.left_out import NUMBER, LeftOut
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
 from freemesh_ray.formatting.terminal import note, paths, say
 
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
 #: A mean element quality below this deserves a word on the boundary.
 POOR = 0.5
+
+#: What is called with a mesh that was written, its quality and where it is.
+Done = Callable[["Mesh", Mapping[str, float], Sequence[Path]], None]
 
 #: Elements that it took more than the policy to find, by where they came from.
 REMEDIES = ("next vertex", "wide", "filled")
@@ -112,6 +117,8 @@ def add(commands: Any) -> None:
     files = mesh.add_argument_group("files")
     files.add_argument("--split", action="store_true",
                        help="of several regions, a mesh for each: part-0.inp, part-1.inp, ...")  # fmt: skip
+    files.add_argument("--keep-going", action="store_true",
+                       help="leave out polygons that cannot be meshed, and tell them; exit code 1")  # fmt: skip
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
     files.add_argument("--order", type=whole(1, 4), metavar="K",
                        help="(K + 1)^2 nodes an element, those of curved sides on their curves")  # fmt: skip
@@ -124,8 +131,12 @@ def add(commands: Any) -> None:
                        help=f"of .msh files ({MSH_VERSIONS[0]})")  # fmt: skip
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, done: Done | None = None) -> int:
     """Mesh, write, and print a line for each polygon.
+
+    Args:
+        options: of the command line.
+        done: called with each mesh, its ``quality()`` and where it was written, instead of printing a line.
 
     Raises:
         DomainError, PolicyError, OutputError: what is wrong with the input.
@@ -138,6 +149,7 @@ def run(options: argparse.Namespace) -> int:
     from freemesh_ray.mesher import check_memory
     from freemesh_ray.mesher.coarse_outline import coarse_note
     from freemesh_ray.mesher.polygon_to_mesh import SUFFIXES, Mesh
+    from freemesh_ray.mesher.sound_regions import mesh_of_sound
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.mesher.worst_element import worst_note
     from freemesh_ray.plots import SUFFIXES as PICTURES
@@ -152,12 +164,13 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(outputs, PICTURES if options.list_names else SUFFIXES)
     if options.extrude is not None and options.revolve is not None:
         raise OutputError("mesh: --extrude and --revolve: give one of the two")
+    left = LeftOut(options.domain)
     own = own_sizes(options.domain) if said is None and options.edge_length is None else None
     geometry = load_geometry(
         options.domain, layers=tuple(options.layer), join=options.join, fix_parity=options.fix_parity,
         edge_length=options.edge_length, grading=options.grading, curvature=options.curvature,
         size=own if said is None else said, allow_large=options.yes, mirror=options.mirror,
-        room=check_memory,
+        room=check_memory, left_out=left.polygon if options.keep_going else None,
     )  # fmt: skip
     for told in geometry.notes:
         note(f"{options.domain}: {told}")
@@ -179,16 +192,24 @@ def run(options: argparse.Namespace) -> int:
         )
 
     pieces = [geometry]
-    if options.split and len(geometry.regions) > 1:
+    if options.split and (len(geometry.regions) > 1 or left):
         pieces = [replace(geometry, name=region.domain.name, regions=(region,)) for region in geometry.regions]
     for i, piece in enumerate(pieces):
-        mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
-        written = [path if len(pieces) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
+        if options.keep_going and len(geometry.regions) > 1:
+            made = mesh_of_sound(piece, policy, sizes, left.domain, allow_large=options.yes, **wishes)
+            if made is None:
+                continue
+            mesh = made
+        else:
+            mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
+        number = NUMBER.search(piece.name)  # that of the file, whatever was left out
+        called = f"-{number[1] if number else i}" if piece is not geometry else ""
+        written = [path.with_stem(path.stem + called) for path in outputs]
         changes = write(mesh, written, options)
         for change in changes if piece.stated else []:  # nobody misses a name that was offered
             note(change)
         figures = mesh.quality()
-        say(mesh_line(mesh, figures, written))
+        (done or tell)(mesh, figures, written)
         worst = worst_note(mesh)
         if worst:
             note(f"{mesh.name}: {worst}")
@@ -197,7 +218,14 @@ def run(options: argparse.Namespace) -> int:
                 f"{mesh.name}: the {len(mesh.segments)} boundary segments are coarse or uneven; "
                 "--edge-length L splits them evenly"
             )
-    return 0
+    if left:
+        note(left.summary())
+    return FAILED if left else 0
+
+
+def tell(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> None:
+    """Print the line on a mesh that was written, with its ``quality()``."""
+    say(mesh_line(mesh, figures, outputs))
 
 
 def write(mesh: Mesh, outputs: Sequence[Path], options: argparse.Namespace) -> list[str]:
