@@ -17,6 +17,7 @@ from envs.errors import FAILED
 from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import FORMATS as READ
 from envs.readers.size_input import MEANING
+from freemesh_ray.cli import mesh_batch, mesh_diagnosis
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
 from freemesh_ray.cli.left_out import NUMBER, LeftOut
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
@@ -45,6 +46,7 @@ examples:
   freemesh mesh part.dxf --edge-length 2.5 --grading 3 -o part.msh -o part.png
   freemesh mesh D4 -o d4.html                     a replay of the mesh growing
   freemesh mesh D4 --best-of 8 --quadratic -o d4.bdf
+  freemesh mesh parts/*.dxf --edge-length 2 --out meshes --keep-going
 
 Several polygons in a file are regions of one mesh, which share nodes where they share boundary.
 
@@ -66,7 +68,7 @@ def format_lines() -> str:
 def add(commands: Any) -> None:
     """Add the command to the grammar."""
     mesh = add_command(commands, "mesh", "mesh a polygon", DESCRIPTION, EPILOG + format_lines())
-    mesh.add_argument("domain", metavar="POLYGON")
+    mesh.add_argument("domain", metavar="POLYGON", nargs="+")
     mesh.add_argument("-o", "--output", action="append", default=[], metavar="OUT",
                       help=f"file to write: {', '.join(f'{suffix} ({one.name})' for suffix, one in FORMATS.items())}, "
                       ".png, .svg (picture), .html (replay); repeatable")  # fmt: skip
@@ -77,6 +79,7 @@ def add(commands: Any) -> None:
                          help="of a drawing, ends so near each other meet (what rounding explains)")  # fmt: skip
     reading.add_argument("--list-names", action="store_true",
                          help="mesh nothing: print the names of sides and regions, and draw them in OUT")  # fmt: skip
+    mesh_diagnosis.add(reading)
     boundary = mesh.add_argument_group("boundary")
     boundary.add_argument("--edge-length", type=positive, metavar="L",
                           help="split the outline into pieces of about this length; corners stay "
@@ -129,9 +132,18 @@ def add(commands: Any) -> None:
     files.add_argument("--axis", default="y", metavar="AXIS", help="to revolve around: x, y, or x0,y0,x1,y1 (y)")
     files.add_argument("--msh-version", choices=MSH_VERSIONS, default=MSH_VERSIONS[0],
                        help=f"of .msh files ({MSH_VERSIONS[0]})")  # fmt: skip
+    mesh_batch.add(mesh)
 
 
-def run(options: argparse.Namespace, done: Done | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Mesh one file, or many; see `run_one`."""
+    if mesh_batch.wanted(options):
+        return mesh_batch.run(options, run_one)
+    (options.domain,) = options.domain
+    return mesh_diagnosis.run(options) if options.diagnose else run_one(options)
+
+
+def run_one(options: argparse.Namespace, done: Done | None = None) -> int:
     """Mesh, write, and print a line for each polygon.
 
     Args:
@@ -210,7 +222,7 @@ def run(options: argparse.Namespace, done: Done | None = None) -> int:
             note(change)
         figures = mesh.quality()
         (done or tell)(mesh, figures, written)
-        worst = worst_note(mesh)
+        worst = worst_note(mesh, coarse.rpartition("; ")[2])
         if worst:
             note(f"{mesh.name}: {worst}")
         if options.edge_length is None and said is None and not coarse and figures["eta"] < POOR:

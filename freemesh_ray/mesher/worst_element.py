@@ -22,8 +22,13 @@ SHARP = 20.0
 NARROW = 2.0
 
 
-def worst_note(mesh: Mesh) -> str:
-    """A line on the worst element, if its quality is below ``BAD``: its place, the cause, and the fix; else empty."""
+def worst_note(mesh: Mesh, known: str = "") -> str:
+    """A line on the worst element, if its quality is below ``BAD``: its place, the cause, and the fix; else empty.
+
+    Args:
+        mesh: finished.
+        known: the fix, where it was told before.
+    """
     if not len(mesh.quads):
         return ""
     eta = element_quality(mesh.vertices, mesh.quads)
@@ -32,7 +37,8 @@ def worst_note(mesh: Mesh) -> str:
         return ""
     corners = mesh.vertices[mesh.quads[worst]]
     middle = corners.mean(axis=0)
-    return f"the worst element, at {shown(*middle, diameter(mesh))}, has quality {eta[worst]:.3g}: {cause(mesh, worst)}"
+    told = f"the worst element, at {shown(*middle, diameter(mesh))}, has quality {eta[worst]:.3g}"
+    return f"{told}: {known or cause(mesh, worst)}"
 
 
 def cause(mesh: Mesh, element: int) -> str:
