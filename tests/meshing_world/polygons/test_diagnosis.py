@@ -36,7 +36,7 @@ def test_each_kind_is_found() -> None:
 
 
 def test_all_of_several_are_found_with_their_places() -> None:
-    found = problems(readable([[[[0, 0], [4, 0], [4, 3], [2, -1], [2, -1], [0, 3], [0, 0]]]][0]))
+    found = problems(readable([[[[0, 0], [4, 0], [4, 3], [2, -1], [2, -1], [0, 3], [0, 0]]]]))
     assert {(problem.kind, problem.place) for problem in found} == {
         ("repeated point", "(2, -1)"), ("crossing", "(1.5, 0)"), ("crossing", "(2.5, 0)"),
     }  # fmt: skip
