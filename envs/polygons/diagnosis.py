@@ -99,7 +99,7 @@ def repeated(ring: Floats, near: float) -> Iterator[Problem]:
     after = np.roll(ring, -1, axis=0)
     for i in np.flatnonzero(np.linalg.norm(after - ring, axis=1) <= near).tolist():
         j = (i + 1) % len(ring)
-        yield Problem("repeated point", *ring[i].tolist(), f"vertex {j} repeats vertex {i}", "remove one of the two",
+        yield Problem("repeated point", float(ring[i, 0]), float(ring[i, 1]), f"vertex {j} repeats vertex {i}", "remove one of the two",
                       np.zeros((0, 2, 2)))  # fmt: skip
 
 
@@ -113,7 +113,7 @@ def spikes(ring: Floats, near: float) -> Iterator[Problem]:
     angle = np.degrees(np.abs(turn))
     for i in np.flatnonzero(angle < SPIKE).tolist():
         yield Problem(
-            "spike", *kept[i].tolist(), f"a corner of {angle[i]:.2g} degrees", "remove the vertex at its tip",
+            "spike", float(kept[i, 0]), float(kept[i, 1]), f"a corner of {angle[i]:.2g} degrees", "remove the vertex at its tip",
             np.stack([np.stack([kept[i], kept[i] + way[i]]) for way in (back, ahead)]),
         )  # fmt: skip
 
@@ -155,7 +155,7 @@ def pinches(rings: Sequence[Floats], near: float) -> Iterator[Problem]:
         for a, b in zip(i.tolist(), j.tolist(), strict=True):
             neighbours = ring_of[a] == ring_of[b] and (abs(a - b) == 1 or abs(a - b) == len(rings[ring_of[a]]) - 1)
             if a < b and not neighbours and tuple(points[a].tolist()) not in seams:
-                yield Problem("crossing", *points[a].tolist(), "the boundary touches itself in a vertex",
+                yield Problem("crossing", float(points[a, 0]), float(points[a, 1]), "the boundary touches itself in a vertex",
                               "move one of the two vertices", np.zeros((0, 2, 2)))  # fmt: skip
 
 

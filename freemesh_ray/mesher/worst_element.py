@@ -36,8 +36,8 @@ def worst_note(mesh: Mesh, known: str = "") -> str:
     if not eta[worst] < BAD:
         return ""
     corners = mesh.vertices[mesh.quads[worst]]
-    middle = corners.mean(axis=0)
-    told = f"the worst element, at {shown(*middle, diameter(mesh))}, has quality {eta[worst]:.3g}"
+    x, y = corners.mean(axis=0).tolist()
+    told = f"the worst element, at {shown(x, y, diameter(mesh))}, has quality {eta[worst]:.3g}"
     return f"{told}: {known or cause(mesh, worst)}"
 
 

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from envs.polygons.diagnosis import Problem
 from envs.types import Floats
 from freemesh_ray.plots.colours import INK, SERIES
-from freemesh_ray.plots.page import WIDTH, page, save
+from freemesh_ray.plots.page import DPI, WIDTH, page, save
 
 #: The colour of each kind of problem.
 COLOURS = {
@@ -89,11 +89,10 @@ def listed(shown: Sequence[Problem], count: int) -> list[str]:
 
 def mark(axes: Axes, shown: Sequence[Problem]) -> None:
     """A ring at each place, and its number beside it, none upon another."""
-    figure = axes.figure
-    scale = figure.dpi / 72.0
+    scale = DPI / 72.0
     axes.apply_aspect()
     at = axes.transData.transform([(one.x, one.y) for one in shown]) / scale if shown else np.zeros((0, 2))
-    box = axes.get_window_extent().extents / scale
+    box = np.asarray(axes.get_window_extent().extents, dtype=np.float64) / scale
     centre = np.array([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2])
     taken: list[Floats] = []
     for k, (one, place) in enumerate(zip(shown, at, strict=True), 1):
