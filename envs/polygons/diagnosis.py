@@ -94,12 +94,18 @@ def problems(polygons: Sequence[Sequence[Floats]]) -> list[Problem]:
     return found + list(between(polygons, sound, SLIT * size))[:MOST]
 
 
+def at(point: Floats) -> tuple[float, float]:
+    """The coordinates of a (2,) point."""
+    x, y = point.tolist()
+    return x, y
+
+
 def repeated(ring: Floats, near: float) -> Iterator[Problem]:
     """Vertices that are where the one before is."""
     after = np.roll(ring, -1, axis=0)
     for i in np.flatnonzero(np.linalg.norm(after - ring, axis=1) <= near).tolist():
         j = (i + 1) % len(ring)
-        yield Problem("repeated point", float(ring[i, 0]), float(ring[i, 1]), f"vertex {j} repeats vertex {i}", "remove one of the two",
+        yield Problem("repeated point", *at(ring[i]), f"vertex {j} repeats vertex {i}", "remove one of the two",
                       np.zeros((0, 2, 2)))  # fmt: skip
 
 
@@ -113,7 +119,7 @@ def spikes(ring: Floats, near: float) -> Iterator[Problem]:
     angle = np.degrees(np.abs(turn))
     for i in np.flatnonzero(angle < SPIKE).tolist():
         yield Problem(
-            "spike", float(kept[i, 0]), float(kept[i, 1]), f"a corner of {angle[i]:.2g} degrees", "remove the vertex at its tip",
+            "spike", *at(kept[i]), f"a corner of {angle[i]:.2g} degrees", "remove the vertex at its tip",
             np.stack([np.stack([kept[i], kept[i] + way[i]]) for way in (back, ahead)]),
         )  # fmt: skip
 
@@ -131,10 +137,10 @@ def crossings(rings: Sequence[Floats], near: float) -> Iterator[Problem]:
         common = (np.linalg.norm(ends[i][:, :, None] - ends[j][:, None, :], axis=-1) <= near).any(axis=(1, 2))
         for a, b in zip(i[~common].tolist(), j[~common].tolist(), strict=True):
             x, y = shapely.get_coordinates(shapely.shortest_line(sides[a], sides[b]))[0].tolist()
-            at = (round(x / (1e3 * near)), round(y / (1e3 * near))) if near else (x, y)
-            if at in shown:
+            spot = (round(x / (1e3 * near)), round(y / (1e3 * near))) if near else (x, y)
+            if spot in shown:
                 continue
-            shown.add(at)
+            shown.add(spot)
             yield Problem("crossing", x, y, "two segments cross, or touch", "move a vertex so that they do not meet",
                           ends[[a, b]])  # fmt: skip
             count += 1
@@ -155,7 +161,7 @@ def pinches(rings: Sequence[Floats], near: float) -> Iterator[Problem]:
         for a, b in zip(i.tolist(), j.tolist(), strict=True):
             neighbours = ring_of[a] == ring_of[b] and (abs(a - b) == 1 or abs(a - b) == len(rings[ring_of[a]]) - 1)
             if a < b and not neighbours and tuple(points[a].tolist()) not in seams:
-                yield Problem("crossing", float(points[a, 0]), float(points[a, 1]), "the boundary touches itself in a vertex",
+                yield Problem("crossing", *at(points[a]), "the boundary touches itself in a vertex",
                               "move one of the two vertices", np.zeros((0, 2, 2)))  # fmt: skip
 
 
