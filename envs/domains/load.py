@@ -18,6 +18,7 @@ from envs.plug_ins.lookup import is_spec
 from envs.polygons.drawing import Drawing, Reading
 from envs.polygons.geometry import Geometry
 from envs.polygons.size_cells import Size
+from envs.polygons.sound import LeftOut, sound_geometry
 from envs.polygons.validation import (
     from_polygon,
     from_ring_with_seam,
@@ -95,6 +96,7 @@ def load_geometry(
     edge_length: float | None = None,
     size: Size | Floats | None = None,
     most: int | None = None,
+    left_out: LeftOut | None = None,
     **options: Any,
 ) -> Geometry:
     """What ``spec`` names, its boundary split.
@@ -113,6 +115,8 @@ def load_geometry(
             places to (m,) edge lengths, asked inside the polygons alone, or (m, 3) rows x, y and an edge length, from
             which sizes grow.
         most: polygons at most; None: as many as there are.
+        left_out: leave polygons out that cannot be meshed, where there are several, and call this with each; see
+            :func:`envs.polygons.sound.sound_geometry`.
         options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``, ``room``: see
             :func:`envs.polygons.validation.geometry_of`.
 
@@ -126,6 +130,8 @@ def load_geometry(
         raise DomainError(f"{source}: no polygon in it; give at least one")
     if most is not None and count > most:
         raise DomainError(f"{source}: {count} polygons where exactly one is needed; keep one in each file")
+    if left_out is not None:
+        return sound_geometry(drawing, name, source, left_out, edge_length=edge_length, size=size, **options)
     return geometry_of(drawing, name, source, edge_length=edge_length, size=size, **options)
 
 

@@ -81,6 +81,7 @@ def geometry_of(
     room: Callable[[float, str], None] | None = None,
     mirror: str | Sequence[Sequence[float]] | None = None,
     periodic: Sequence[tuple[str, str]] = (),
+    numbers: Sequence[int] | None = None,
 ) -> Geometry:
     """The regions of a drawing, with common points where they share their boundary.
 
@@ -99,6 +100,7 @@ def geometry_of(
             messages begin with; raises an error where there is no room for so many.
         mirror: an axis of symmetry, ``x``, ``y``, ``x0,y0,x1,y1`` or two points: the half to its left alone.
         periodic: pairs of names of sides that get the same points.
+        numbers: what the polygons, and their domains unless lines divide them, are numbered by; None: 0, 1, ...
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several; a line that lies
@@ -107,7 +109,7 @@ def geometry_of(
     """
     check_sizes(edge_length, grading, curvature, source, sized=size is not None)
     name, polygons = printable(name), drawing.polygons
-    sources = numbered(source, len(polygons), ": polygon {}")
+    sources = numbered(source, len(polygons), ": polygon {}", numbers)
     split = edge_length is not None or size is not None or (fix_parity and len(polygons) > 1)
     # What is wrong with an outline is said in terms of its own vertices, before it gets others.
     least = 3 if split else OUTER_LEAST
@@ -160,7 +162,7 @@ def geometry_of(
             rings if lines.divide else checked_again(rings, where, edge_length)
             for rings, where in zip(fine, sources, strict=True)
         ]
-    names = numbered(name, len(faces), "[{}]")
+    names = numbered(name, len(faces), "[{}]", numbers if numbers and len(faces) == len(numbers) else None)
     domains = [
         slit_domain(called, rings, face.places, where) if lines.divide else joined(rings, called, where, fix_parity)
         for face, rings, called, where in zip(faces, valid, names, sources, strict=True)
@@ -183,9 +185,11 @@ def geometry_of(
     )
 
 
-def numbered(name: str, count: int, form: str) -> list[str]:
-    """The name, or where several have it one for each, followed by its number in a form."""
-    return [name] if count == 1 else [name + form.format(i) for i in range(count)]
+def numbered(name: str, count: int, form: str, numbers: Sequence[int] | None = None) -> list[str]:
+    """The name, or where several have it, or have numbers, one for each, followed by its number in a form."""
+    if numbers is None:
+        return [name] if count == 1 else [name + form.format(i) for i in range(count)]
+    return [name + form.format(i) for i in numbers]
 
 
 def check_no_seams(outlines: Sequence[Sequence[Floats]], sources: Sequence[str]) -> None:

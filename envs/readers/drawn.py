@@ -4,11 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from envs.polygons.drawing import Drawing, Line
 from envs.readers.joins import option
 from envs.readers.nesting import nested
 from envs.readers.outline_search import Face, Outlines
-from envs.types import DomainError
+from envs.types import DomainError, Floats
+
+
+class OpenOutlineError(DomainError):
+    """An outline that does not close.
+
+    Attributes:
+        lines: what was drawn, each (k, 2) float64.
+        gaps: (g, 2, 2) float64, the ends that nearly meet; or an open end, twice.
+    """
+
+    def __init__(self, message: str, lines: Sequence[Floats], gaps: Floats) -> None:
+        super().__init__(message)
+        self.lines, self.gaps = lines, gaps
 
 
 def drawn(found: Outlines, names: Sequence[str], notes: Sequence[str], source: str) -> Drawing:
@@ -93,12 +108,16 @@ def check_closed(found: Outlines, fix: str, source: str) -> None:
         DomainError: the gap with its places, and the option that joins it.
     """
     gap = found.slip if found.groups else next(iter(found.gaps), None)
+    lines = [*(side.points for side in found.sides), *(piece.fine for piece in (*found.beside, *found.left))]
     if gap is not None:
         a, b = gap.told
-        raise DomainError(
+        raise OpenOutlineError(
             f"{source}: a curve ends at {a} and no other begins there, the nearest open end is {gap.width:.3g} away at "
-            f"{b}; join them with {option(gap.width)}, or {fix}"
+            f"{b}; join them with {option(gap.width)}, or {fix}",
+            lines,
+            np.array([one.ends for one in found.gaps]),
         )
     if not found.groups:
         where = f"a curve ends at {found.tip} and no other begins there" if found.tip else "no curve encloses anything"
-        raise DomainError(f"{source}: {where}; close the outline")
+        ends = np.array([[piece.ends[1]] * 2 for piece in found.left[:1]]).reshape(-1, 2, 2)
+        raise OpenOutlineError(f"{source}: {where}; close the outline", lines, ends)

@@ -68,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     terminal.prepare()
     try:
         options = parser().parse_args(arguments)
+        if getattr(options, "ray", None):
+            os.environ["RAY_ADDRESS"] = options.ray
         if options.command != "submit":  # which talks to somebody else's Ray
             ray_environment()
         with _ended_by_signals():

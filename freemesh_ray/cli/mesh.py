@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from envs.errors import FAILED
 from envs.polygons.sizing import CURVATURE
 from envs.readers.formats import FORMATS as READ
 from envs.readers.size_input import MEANING
+from freemesh_ray.cli import mesh_batch, mesh_diagnosis
 from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, positive, whole
+from freemesh_ray.cli.left_out import NUMBER, LeftOut
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
 from freemesh_ray.formatting.terminal import note, paths, say
 
@@ -27,6 +30,9 @@ if TYPE_CHECKING:
 
 #: A mean element quality below this deserves a word on the boundary.
 POOR = 0.5
+
+#: What is called with a mesh that was written, its quality and where it is.
+Done = Callable[["Mesh", Mapping[str, float], Sequence[Path]], None]
 
 #: Elements that it took more than the policy to find, by where they came from.
 REMEDIES = ("next vertex", "wide", "filled")
@@ -41,6 +47,7 @@ examples:
   freemesh mesh part.dxf --edge-length 2.5 --grading 3 -o part.msh -o part.png
   freemesh mesh D4 -o d4.html                     a replay of the mesh growing
   freemesh mesh D4 --best-of 8 --quadratic -o d4.bdf
+  freemesh mesh parts/*.dxf --edge-length 2 --out meshes --keep-going
 
 Several polygons in a file are regions of one mesh, which share nodes where they share boundary.
 
@@ -62,7 +69,7 @@ def format_lines() -> str:
 def add(commands: Any) -> None:
     """Add the command to the grammar."""
     mesh = add_command(commands, "mesh", "mesh a polygon", DESCRIPTION, EPILOG + format_lines())
-    mesh.add_argument("domain", metavar="POLYGON")
+    mesh.add_argument("domain", metavar="POLYGON", nargs="+")
     mesh.add_argument("-o", "--output", action="append", default=[], metavar="OUT",
                       help=f"file to write: {', '.join(f'{suffix} ({one.name})' for suffix, one in FORMATS.items())}, "
                       ".png, .svg (picture), .html (replay); repeatable")  # fmt: skip
@@ -73,6 +80,7 @@ def add(commands: Any) -> None:
                          help="of a drawing, ends so near each other meet (what rounding explains)")  # fmt: skip
     reading.add_argument("--list-names", action="store_true",
                          help="mesh nothing: print the names of sides and regions, and draw them in OUT")  # fmt: skip
+    mesh_diagnosis.add(reading)
     boundary = mesh.add_argument_group("boundary")
     boundary.add_argument("--edge-length", type=positive, metavar="L",
                           help="split the outline into pieces of about this length; corners stay "
@@ -123,6 +131,8 @@ def add(commands: Any) -> None:
     files = mesh.add_argument_group("files")
     files.add_argument("--split", action="store_true",
                        help="of several regions, a mesh for each: part-0.inp, part-1.inp, ...")  # fmt: skip
+    files.add_argument("--keep-going", action="store_true",
+                       help="leave out polygons that cannot be meshed, and tell them; exit code 1")  # fmt: skip
     files.add_argument("--quadratic", action="store_true", help="eight nodes an element")
     files.add_argument("--order", type=whole(1, 4), metavar="K",
                        help="(K + 1)^2 nodes an element, those of curved sides on their curves")  # fmt: skip
@@ -133,10 +143,23 @@ def add(commands: Any) -> None:
     files.add_argument("--axis", default="y", metavar="AXIS", help="to revolve around: x, y, or x0,y0,x1,y1 (y)")
     files.add_argument("--msh-version", choices=MSH_VERSIONS, default=MSH_VERSIONS[0],
                        help=f"of .msh files ({MSH_VERSIONS[0]})")  # fmt: skip
+    mesh_batch.add(mesh)
 
 
 def run(options: argparse.Namespace) -> int:
+    """Mesh one file, or many; see `run_one`."""
+    if mesh_batch.wanted(options):
+        return mesh_batch.run(options, run_one)
+    (options.domain,) = options.domain
+    return mesh_diagnosis.run(options) if options.diagnose else run_one(options)
+
+
+def run_one(options: argparse.Namespace, done: Done | None = None) -> int:
     """Mesh, write, and print a line for each polygon.
+
+    Args:
+        options: of the command line.
+        done: called with each mesh, its ``quality()`` and where it was written, instead of printing a line.
 
     Raises:
         DomainError, PolicyError, OutputError: what is wrong with the input.
@@ -148,8 +171,11 @@ def run(options: argparse.Namespace) -> int:
     from envs.types import Domain, WantedSizes
     from freemesh_ray.cli.kernel_progress import CompilingLine
     from freemesh_ray.mesher import check_memory
+    from freemesh_ray.mesher.coarse_outline import coarse_note
     from freemesh_ray.mesher.polygon_to_mesh import SUFFIXES, Mesh
+    from freemesh_ray.mesher.sound_regions import mesh_of_sound
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
+    from freemesh_ray.mesher.worst_element import worst_note
     from freemesh_ray.plots import SUFFIXES as PICTURES
     from freemesh_ray.policies.policy import SHIPPED, Policy
     from freemesh_ray.storage.atomic import OutputError
@@ -163,17 +189,22 @@ def run(options: argparse.Namespace) -> int:
     if options.extrude is not None and options.revolve is not None:
         raise OutputError("mesh: --extrude and --revolve: give one of the two")
     layers = wanted_layers(options)
+    left = LeftOut(options.domain)
     own = own_sizes(options.domain) if said is None and options.edge_length is None else None
     geometry = load_geometry(
         options.domain, layers=tuple(options.layer), join=options.join, fix_parity=options.fix_parity,
         edge_length=options.edge_length, grading=options.grading, curvature=options.curvature,
         size=own if said is None else said, allow_large=options.yes, mirror=options.mirror,
-        periodic=[(first, second) for first, second in options.periodic], room=check_memory,
+        periodic=[(first, second) for first, second in options.periodic],
+        room=check_memory, left_out=left.polygon if options.keep_going else None,
     )  # fmt: skip
     for told in geometry.notes:
         note(f"{options.domain}: {told}")
     if options.list_names:
         return list_names(geometry, outputs)
+    coarse = coarse_note(geometry) if options.edge_length is None and said is None and own is None else ""
+    if coarse:
+        note(f"{options.domain}: {coarse}")
     if layers is not None:
         geometry = with_layers_along(geometry, layers)
         for told in thinner(geometry):
@@ -191,22 +222,40 @@ def run(options: argparse.Namespace) -> int:
         )
 
     pieces = [geometry]
-    if options.split and len(geometry.regions) > 1:
+    if options.split and (len(geometry.regions) > 1 or left):
         pieces = [replace(geometry, name=region.domain.name, regions=(region,)) for region in geometry.regions]
     for i, piece in enumerate(pieces):
-        mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
-        written = [path if len(pieces) == 1 else path.with_stem(f"{path.stem}-{i}") for path in outputs]
+        if options.keep_going and len(geometry.regions) > 1:
+            made = mesh_of_sound(piece, policy, sizes, left.domain, allow_large=options.yes, **wishes)
+            if made is None:
+                continue
+            mesh = made
+        else:
+            mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
+        number = NUMBER.search(piece.name)  # that of the file, whatever was left out
+        called = f"-{number[1] if number else i}" if piece is not geometry else ""
+        written = [path.with_stem(path.stem + called) for path in outputs]
         changes = write(mesh, written, options)
         for change in changes if piece.stated else []:  # nobody misses a name that was offered
             note(change)
         figures = mesh.quality(boundary_layers=False)
-        say(mesh_line(mesh, figures, written))
-        if options.edge_length is None and said is None and figures["eta"] < POOR:
+        (done or tell)(mesh, figures, written)
+        worst = worst_note(mesh, coarse.rpartition("; ")[2], but=mesh.layered)
+        if worst:
+            note(f"{mesh.name}: {worst}")
+        if options.edge_length is None and said is None and not coarse and figures["eta"] < POOR:
             note(
                 f"{mesh.name}: the {len(mesh.segments)} boundary segments are coarse or uneven; "
                 "--edge-length L splits them evenly"
             )
-    return 0
+    if left:
+        note(left.summary())
+    return FAILED if left else 0
+
+
+def tell(mesh: Mesh, figures: Mapping[str, float], outputs: Sequence[Path]) -> None:
+    """Print the line on a mesh that was written, with its ``quality()``."""
+    say(mesh_line(mesh, figures, outputs))
 
 
 def wanted_layers(options: argparse.Namespace) -> BoundaryLayers | None:

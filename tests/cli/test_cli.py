@@ -182,7 +182,7 @@ def test_an_outline_of_four_points_needs_no_recovery(capsys: pytest.CaptureFixtu
 def test_a_coarse_outline_is_told_what_helps(capsys: pytest.CaptureFixture[str]) -> None:
     path = polygon([[0, 0], [40, 0], [40, 10], [30, 10], [30, 25], [0, 25]])
     assert cli.main(["mesh", path, "-o", "o.obj"]) == 0
-    assert "6 boundary segments are coarse or uneven; --edge-length" in capsys.readouterr().err
+    assert "1 of the 6 boundary segments is too long for what is near: at (20, 0)" in capsys.readouterr().err
     assert cli.main(["mesh", path, "-o", "o.obj", "--edge-length", "2"]) == 0
     assert capsys.readouterr().err == ""
 
@@ -277,3 +277,20 @@ def test_the_module_is_the_command() -> None:
     done = subprocess.run([sys.executable, "-m", "freemesh_ray", "domains"], capture_output=True, text=True)
     assert done.returncode == 0
     assert "T1" in done.stdout
+
+
+def test_an_outline_that_is_too_coarse_is_told_before_it_is_meshed(
+    policy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object, **options: object) -> None:
+        raise MeshingError("not begun")
+
+    monkeypatch.setattr(polygon_to_mesh, "mesh_domain", refuse)
+    ring = [[0, 0], [4, 0], [4, 0.1], [3.9, 0.1], [3.8, 0.1], [0, 0.1]]
+    path = polygon(ring)
+    assert cli.main(["mesh", path, "-o", "o.vtu", "--policy", policy]) == 1
+    first, _ = capsys.readouterr().err.splitlines()
+    assert first.startswith(f"{path}: 2 of the 6 boundary segments are too long")
+    assert "--edge-length 0.1 splits" in first
+    assert cli.main(["mesh", path, "-o", "o.vtu", "--policy", policy, "--edge-length", "0.05"]) == 1
+    assert capsys.readouterr().err == "freemesh: not begun\n"
