@@ -10,6 +10,7 @@ from typing import Any
 from freemesh_ray.batch.inputs import Job
 from freemesh_ray.batch.outcome import Outcome
 from freemesh_ray.local_ray import local_ray
+from freemesh_ray.storage.atomic import replacing
 
 #: Tasks that wait at the cluster for one that runs: a cluster may grow.
 AHEAD = 4
@@ -58,7 +59,8 @@ def in_a_folder(job: Job, work: Remote, files: Mapping[str, bytes]) -> Outcome:
         given.mkdir()
         written.mkdir()
         for name, content in files.items():
-            (given / name).write_bytes(content)
+            with replacing(given / name) as draft:
+                draft.write_bytes(content)
         outcome = work(job, given, written)
         outcome.files = {path.name: path.read_bytes() for path in sorted(written.iterdir()) if path.is_file()}
         return outcome
