@@ -15,17 +15,12 @@ from checkout import ROOT
 
 import freemesh_ray
 from envs.domains.load import load
+from freemesh_ray.export import FORMATS
 from freemesh_ray.storage import atomic, state_file
 from freemesh_ray.storage.atomic import OutputError, refusing_links, replacing
 
 #: The one call in each of these files that writes to a path as it is given: it is a draft's.
-GIVEN_DRAFTS = {
-    f"export/{name}.py": "path.write_bytes("
-    for name in (
-        "abaqus", "exodus", "gmsh", "hohqmesh", "ideas", "ls_dyna", "mfem", "nastran", "openfoam", "su2", "vtk",
-        "wavefront", "xdmf",
-    )
-}  # fmt: skip
+GIVEN_DRAFTS = {f"export/{format.module}.py": "path.write_bytes(" for format in FORMATS.values()}
 
 
 @pytest.fixture(params=[0o000, 0o022, 0o077], ids=["000", "022", "077"])
@@ -38,9 +33,9 @@ def umask(request: pytest.FixtureRequest) -> Iterator[int]:
 def test_files_and_folders_follow_the_umask(umask: int, tmp_path: Path) -> None:
     mesh = freemesh_ray.mesh(load("D4").points[:84])
     mesh_files = [tmp_path / "made" / f"mesh{suffix}" for suffix in freemesh_ray.mesher.polygon_to_mesh.SUFFIXES]
+    state_file.save({"a": 1}, tmp_path / "made" / "state.npz")
     for path in mesh_files:
         mesh.write(path)
-    state_file.save({"a": 1}, tmp_path / "made" / "state.npz")
     with open(tmp_path / "made" / "log", "a", opener=refusing_links) as file:
         file.write("line\n")
     for path in tmp_path.rglob("*"):
