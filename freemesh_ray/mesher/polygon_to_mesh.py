@@ -131,7 +131,8 @@ class Mesh(PlainMesh):
             elements: their number.
             eta, eta_p5, eta_min: element quality, 0 to 1 (a square): mean, 5th percentile, least.
             singularity: irregular nodes, interior nodes with other than four edges; a number.
-            singularity_least: as many, of three and five edges, the boundary asks for in any all-quad mesh.
+            singularity_least: the fewest of three and five edges if every boundary node has as many elements as its
+                angle asks for; a mesh with other numbers there may have fewer.
             min_angle, max_angle: mean |least angle - 90| and |largest angle - 90|, degrees; 0 is best.
             scaled_jacobian: -1 to 1 (a rectangle); stretch: 0 to 1 (a square); taper: 0 (a parallelogram) and above.
             triangles, non_convex: numbers, always 0.

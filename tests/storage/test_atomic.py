@@ -33,16 +33,18 @@ def umask(request: pytest.FixtureRequest) -> Iterator[int]:
 def test_files_and_folders_follow_the_umask(umask: int, tmp_path: Path) -> None:
     mesh = freemesh_ray.mesh(load("D4").points[:84])
     mesh_files = [tmp_path / "made" / f"mesh{suffix}" for suffix in freemesh_ray.mesher.polygon_to_mesh.SUFFIXES]
-    state_file.save({"a": 1}, tmp_path / "made" / "state.npz")
+    with replacing(tmp_path / "made" / "first") as draft:
+        draft.write_text("text")
     for path in mesh_files:
         mesh.write(path)
+    state_file.save({"a": 1}, tmp_path / "made" / "state.npz")
     with open(tmp_path / "made" / "log", "a", opener=refusing_links) as file:
         file.write("line\n")
     for path in tmp_path.rglob("*"):
         mode = 0o777 if path.is_dir() else 0o666
         assert stat.S_IMODE(path.stat().st_mode) == mode & ~umask, path
     assert sorted((tmp_path / "made").iterdir()) == sorted(
-        [*mesh_files, *(tmp_path / "made" / x for x in ("constant", "log", "state.npz"))]
+        [*mesh_files, *(tmp_path / "made" / x for x in ("constant", "first", "log", "state.npz"))]
     )
 
 
