@@ -35,7 +35,7 @@ test: lint
 
 # torch first, from PyTorch's index of builds without CUDA; every other package comes from the index that pip is set to.
 .venv/.installed: requirements.lock requirements-dev.lock pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "freemesh-ray needs Python 3.11 or newer: make PYTHON=python3.11")'
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "freemesh-ray needs Python 3.11 to 3.13: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
 	sed -n '/^torch==/,/[^\\]$$/p' requirements.lock > .venv/torch.lock
 	$(PIP) --no-deps --require-hashes --retries 2 --extra-index-url $(TORCH_INDEX) --requirement .venv/torch.lock

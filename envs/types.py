@@ -116,12 +116,13 @@ class WantedSizes:
         object.__setattr__(self, "points", points)
         if not (0.0 <= self.least < math.inf and self.most > 0.0):
             raise UserError(
-                f"least size {self.least:g} and largest size {self.most:g}: give --min-size and --max-size positive "
-                "numbers in the polygon's units"
+                f"least size {self.least:g} and largest size {self.most:g}: give --min-size (min_size= in Python) and "
+                "--max-size (max_size= in Python) positive numbers in the polygon's units"
             )
         if self.least > self.most:
             raise UserError(
-                f"least size {self.least:g} above largest size {self.most:g}: give --min-size at most --max-size"
+                f"least size {self.least:g} above largest size {self.most:g}: give --min-size at most --max-size "
+                "(min_size=, max_size= in Python)"
             )
 
     def clipped(self, sizes: Floats) -> Floats:

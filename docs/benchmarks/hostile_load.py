@@ -1,6 +1,6 @@
 """What a service's other clients notice of an attack: idle connections, half-sent requests, and the costliest meshes.
 
-    python docs/benchmarks/hostile_load.py [--idle 2000] [--costly 8] [--replicas 2] [--seconds 30]
+    .venv/bin/python docs/benchmarks/hostile_load.py [--idle 2000] [--costly 8] [--replicas 2] [--seconds 30]
 
 A client posts a polygon of 40 vertices again and again, each time over a new connection, first alone and then under
 attack, which is a process of its own. Its connections are opened again a few seconds after they were cut off. All of it

@@ -1,6 +1,6 @@
 """SAC's learning curves beside Stable-Baselines3's: same environment, same numbers, three seeds each.
 
-python docs/benchmarks/learning_curves.py --out docs
+.venv/bin/python docs/benchmarks/learning_curves.py --out docs
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Breaks the code in one place after another, and asks each time that a test notices: writes docs/mutations.md.
 
-    python docs/benchmarks/mutations.py --out docs
-    python docs/benchmarks/mutations.py --only seam
+    .venv/bin/python docs/benchmarks/mutations.py --out docs
+    .venv/bin/python docs/benchmarks/mutations.py --only seam
 
 What is broken, where, and the test that has to fail stand in mutations.yaml. The code that is broken is a copy of the
 checkout; the checkout itself is only read. First every test has to pass there as it is. A test notices a mutation when
@@ -44,7 +44,7 @@ ASSERTION = ("assert ", "AssertionError", "Failed: ")
 TEXT = """\
 # Mutations
 
-`python docs/benchmarks/mutations.py --out docs` breaks a copy of the checkout in one of these places at a time and runs
+`.venv/bin/python docs/benchmarks/mutations.py --out docs` breaks a copy of the checkout in one of these places at a time and runs
 the test beside it, which has to fail by an assertion; unbroken, the same tests pass. It writes this page when all were
 noticed. The texts before and after are in [mutations.yaml](benchmarks/mutations.yaml).
 

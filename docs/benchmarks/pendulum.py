@@ -1,6 +1,6 @@
 """The learning algorithms on Gymnasium's Pendulum, beside Stable-Baselines3's.
 
-    python docs/benchmarks/pendulum.py
+    .venv/bin/python docs/benchmarks/pendulum.py
 
 Both sides have the same settings, environments, network sizes and ratio of updates to steps. A random policy's return
 is about -1,200, a good one's -150 to -200.

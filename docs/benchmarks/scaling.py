@@ -1,6 +1,6 @@
 """How training scales with env runners and learners: writes docs/scaling.md, .json and .png.
 
-    python docs/benchmarks/scaling.py --out docs
+    .venv/bin/python docs/benchmarks/scaling.py --out docs
 
 Measured are the parts of a round, whole training rounds (samples and updates a second) with and without overlap, and
 the time to a return; a model made of the parts is held against the rounds, and says what more runners than this machine

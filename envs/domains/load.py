@@ -54,6 +54,9 @@ Source = Domain | EndlessDomains | UserDomains
 #: The endless supplies that have a name.
 SUPPLIES: tuple[EndlessDomains, ...] = (RandomDomains(), VariedDomains())
 
+#: What is drawn by a seed.
+SEEDED = (random_domain, random_part, varied_domain)
+
 #: Where the catalogue's data and drawings lie.
 CATALOGUE = Path(__file__).parent / "catalogue"
 
@@ -117,7 +120,7 @@ def load_geometry(
         most: polygons at most; None: as many as there are.
         left_out: leave polygons out that cannot be meshed, where there are several, and call this with each; see
             :func:`envs.polygons.sound.sound_geometry`.
-        options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``, ``room``: see
+        options: ``fix_parity``, ``grading``, ``curvature``, ``allow_large``, ``room``, ``odd``: see
             :func:`envs.polygons.validation.geometry_of`.
 
     Raises:
@@ -149,8 +152,8 @@ def object_geometry(polygon: Any, name: str = "polygon", **options: Any) -> Geom
             GeoJSON-like mapping or anything with ``__geo_interface__``; a mapping with ``rings``; a
             :class:`envs.polygons.drawing.Drawing`.
         name: the domain's name; several are called ``name[0]``, ``name[1]``, ...
-        options: ``fix_parity``, ``edge_length``, ``grading``, ``curvature``, ``size``, ``allow_large``, ``room``: see
-            :func:`envs.polygons.validation.geometry_of`.
+        options: ``fix_parity``, ``edge_length``, ``grading``, ``curvature``, ``size``, ``allow_large``, ``room``,
+            ``odd``: see :func:`envs.polygons.validation.geometry_of`.
 
     Raises:
         DomainError: an object that holds no polygon, or one that cannot be meshed.
@@ -166,7 +169,7 @@ def given(spec: str | os.PathLike[str], reading: Reading) -> tuple[Drawing, str,
     text = os.fspath(spec)
     path = Path(text)
     if isinstance(spec, str):
-        for random in (random_domain, random_part, varied_domain):
+        for random in SEEDED:
             if random.is_spec(text) and not os.path.isfile(text):
                 drawn = random.from_spec(text)
                 return Drawing([rings_of(drawn)]), drawn.name, text
@@ -225,6 +228,19 @@ def rings_of(domain: Domain) -> list[Floats]:
     ahead = domain.segments[:, 1]
     ends = np.flatnonzero(ahead != domain.segments[:, 0] + 1) + 1
     return np.split(domain.points[: len(ahead)], ends[:-1])
+
+
+def check_known(spec: str) -> None:
+    """Refuse what names nothing, without reading what it names.
+
+    Raises:
+        DomainError: neither a name of the catalogue, nor a seed, nor a file.
+    """
+    if not looks_like_path(spec):
+        if spec.upper() not in catalogue() and not any(one.is_spec(spec) for one in SEEDED):
+            raise DomainError(unknown_name(spec))
+    elif not os.path.lexists(spec):
+        raise DomainError(f"{spec}: no such file; check the path")
 
 
 def looks_like_path(text: str) -> bool:

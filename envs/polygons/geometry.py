@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -109,9 +109,17 @@ class Laid:
         """
         found = [line.points for line in self.lines if line.name == name]
         if not found:
-            known = ", ".join(dict.fromkeys(printable(line.name) for line in self.lines if line.name))
-            raise DomainError(f"{source}: no side is called {printable(name)}; the sides are {known or 'not named'}")
+            raise no_side(source, name, [line.name for line in self.lines if line.name])
         return found
+
+
+def no_side(source: str, name: str, known: Iterable[str]) -> DomainError:
+    """The error for a name that no side has, with those that there are."""
+    sides = ", ".join(dict.fromkeys(map(printable, known))) or "not named"
+    return DomainError(
+        f"{source}: no side is called {printable(name)}; the sides are {sides}: `freemesh mesh FILE --list-names` "
+        "prints and draws them"
+    )
 
 
 def laid(drawing: Drawing, polygons: Sequence[Sequence[Floats]], source: str) -> Laid:

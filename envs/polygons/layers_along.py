@@ -15,12 +15,11 @@ import numpy as np
 from envs.mesh import STRAIGHT, CurvedEdges
 from envs.polygons.boundary_layers import Layers, boundary_layers
 from envs.polygons.drawing import Line
-from envs.polygons.geometry import Geometry, Region
+from envs.polygons.geometry import Geometry, Region, no_side
 from envs.polygons.layer_loops import Rows
 from envs.polygons.named_sides import line_of_segments, sides_by_name, tolerance
 from envs.polygons.rings import place
 from envs.polygons.validation import from_rings
-from envs.printable import printable
 from envs.types import Domain, DomainError, Floats, Ints
 
 
@@ -64,8 +63,7 @@ def with_layers_along(geometry: Geometry, wanted: BoundaryLayers) -> Geometry:
         raise DomainError(f"{geometry.name}: boundary layers along no side; name sides with --along")
     for name in names:
         if name not in known:
-            called = ", ".join(map(printable, known)) or "not named"
-            raise DomainError(f"{geometry.name}: no side is called {printable(name)}; the sides are {called}")
+            raise no_side(geometry.name, name, known)
     if geometry.inside or geometry.places:
         raise DomainError(f"{geometry.name}: boundary layers beside lines or points inside; remove one of the two")
     regions = tuple(

@@ -31,17 +31,17 @@ def check(source: str, ring: Floats) -> None:
     check_inside_left(source, points, walk[::forward], np.arange(len(walk))[::forward])
 
 
-def opened(name: str, source: str, ring: Floats, fix_parity: bool = False) -> Domain:
+def opened(name: str, source: str, ring: Floats, fix_parity: bool = False, odd: bool = False) -> Domain:
     """The domain of an (n, 2) ring with valid seams already walked in it.
 
     Raises:
-        DomainError: an odd count without ``fix_parity``.
+        DomainError: an odd count without ``fix_parity`` or ``odd``.
     """
     points, walk = distinct(ring)
     if signed_area(ring) < 0:
         walk = walk[::-1]
     seam = seam_edges(walk)
-    if len(walk) % 2:
+    if len(walk) % 2 and not odd:
         if not fix_parity:
             raise DomainError(odd_message(source, len(walk)))
         here, there = points[walk], points[np.roll(walk, -1)]

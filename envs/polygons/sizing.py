@@ -252,14 +252,17 @@ def check_sizes(edge_length: float | None, grading: float, curvature: float, sou
     """
     if edge_length is not None and not 0.0 < edge_length < np.inf:
         raise DomainError(
-            f"{source}: edge length {edge_length!r}; give --edge-length a positive number in the polygon's units"
+            f"{source}: edge length {edge_length!r}; give {EDGE_LENGTH} a positive number in the polygon's units"
         )
     if not 1.0 <= grading <= MOST_GRADING:
-        raise DomainError(f"{source}: grading {grading!r}; give --grading a ratio from 1 (even) to {MOST_GRADING:g}")
+        raise DomainError(
+            f"{source}: grading {grading!r}; give --grading (grading= in Python) a ratio from 1 (even) to "
+            f"{MOST_GRADING:g}"
+        )
     if not LEAST_CURVATURE <= curvature <= MOST_CURVATURE:
         raise DomainError(
-            f"{source}: curvature {curvature!r}; give --curvature the segments of a full turn, {LEAST_CURVATURE:g} to "
-            f"{MOST_CURVATURE:g}"
+            f"{source}: curvature {curvature!r}; give --curvature (curvature= in Python) the segments of a full turn, "
+            f"{LEAST_CURVATURE:g} to {MOST_CURVATURE:g}"
         )
     if edge_length is None and grading != 1.0 and not sized:
         raise DomainError(f"{source}: grading {grading:g} without an edge length; give {EDGE_LENGTH} too")

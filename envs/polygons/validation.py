@@ -82,6 +82,7 @@ def geometry_of(
     mirror: str | Sequence[Sequence[float]] | None = None,
     periodic: Sequence[tuple[str, str]] = (),
     numbers: Sequence[int] | None = None,
+    odd: bool = False,
 ) -> Geometry:
     """The regions of a drawing, with common points where they share their boundary.
 
@@ -101,6 +102,7 @@ def geometry_of(
         mirror: an axis of symmetry, ``x``, ``y``, ``x0,y0,x1,y1`` or two points: the half to its left alone.
         periodic: pairs of names of sides that get the same points.
         numbers: what the polygons, and their domains unless lines divide them, are numbered by; None: 0, 1, ...
+        odd: also with odd totals, of which there is no mesh: to look at the outlines alone.
 
     Raises:
         DomainError: the first polygon that cannot be meshed, with its number when there are several; a line that lies
@@ -164,7 +166,9 @@ def geometry_of(
         ]
     names = numbered(name, len(faces), "[{}]", numbers if numbers and len(faces) == len(numbers) else None)
     domains = [
-        slit_domain(called, rings, face.places, where) if lines.divide else joined(rings, called, where, fix_parity)
+        slit_domain(called, rings, face.places, where)
+        if lines.divide
+        else joined(rings, called, where, fix_parity, odd)
         for face, rings, called, where in zip(faces, valid, names, sources, strict=True)
     ]
     domains = [replace(domain, deviation=off) for domain, off in zip(domains, deviations, strict=True)]
@@ -285,16 +289,16 @@ def checked_again(rings: list[Floats], source: str, edge_length: float | None) -
         ) from None
 
 
-def joined(rings: list[Floats], name: str, source: str, fix_parity: bool) -> Domain:
+def joined(rings: list[Floats], name: str, source: str, fix_parity: bool, odd: bool = False) -> Domain:
     """The domain of valid rings.
 
     Raises:
-        DomainError: too many vertices, or an odd total without ``fix_parity``.
+        DomainError: too many vertices, or an odd total without ``fix_parity`` or ``odd``.
     """
     if has_seams(rings):
-        return ring_with_seams.opened(name, source, rings[0], fix_parity)
+        return ring_with_seams.opened(name, source, rings[0], fix_parity, odd)
     check_count(sum(len(ring) for ring in rings), source, holes=len(rings) > 1)
-    return seam.join(name, with_even_count(rings, source, fix_parity))
+    return seam.join(name, rings if odd else with_even_count(rings, source, fix_parity))
 
 
 def has_seams(rings: Sequence[Floats]) -> bool:

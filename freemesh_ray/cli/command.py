@@ -44,8 +44,8 @@ COMMANDS = {
 }  # fmt: skip
 
 DESCRIPTION = """\
-Reinforcement learning that meshes: an agent cuts one quadrilateral after another off the boundary of a 2-D domain
-until nothing is left. All quads, the boundary kept exactly.
+Reinforcement learning that meshes: an agent cuts one quadrilateral after another off the region of a 2-D domain
+that is not meshed until it is used up. All quads, the boundary kept exactly.
 
   freemesh mesh part.geojson -o part.inp          mesh a polygon
   freemesh train --config train_default.yaml      train over the curriculum T1 -> T2 -> T3

@@ -22,6 +22,7 @@ from freemesh_ray.cli.arguments import add_command, add_fix_parity, add_policy, 
 from freemesh_ray.cli.left_out import NUMBER, LeftOut
 from freemesh_ray.export import FORMATS, MSH_VERSIONS
 from freemesh_ray.formatting.terminal import note, paths, say
+from freemesh_ray.policies.policy import DENSITY, SHIPPED, Policy
 
 if TYPE_CHECKING:
     from envs.polygons.geometry import Geometry
@@ -120,13 +121,13 @@ def add(commands: Any) -> None:
     quality.add_argument("--no-smooth", dest="smooth", action="store_false", help="leave vertices where they were put")
     quality.add_argument("--no-clean", dest="clean", action="store_false", help="leave irregular vertices")
     quality.add_argument("--effort", choices=["quick", "usual", "thorough"], default="usual",
-                         help="against irregular nodes: quick, a local clean-up; usual, patches are filled anew, too, "
-                         "for about half a second; thorough, many times as long (usual)")  # fmt: skip
+                         help="against irregular nodes, after a local clean-up: how long to fill patches of elements anew; "
+                         "quick: not at all; usual: about half a second; thorough: many times as long (usual)")  # fmt: skip
     quality.add_argument("--search", action="store_true",
                          help="for each element the best of several of the policy's draws, not its mean")  # fmt: skip
-    quality.add_argument("--density", choices=["sparse", "medium", "dense", "even"], default="even",
+    quality.add_argument("--density", choices=list(SHIPPED), default=DENSITY,
                          help="how large elements grow inside; even: as the boundary's segments, or as --max-size and "
-                         "--min-size say (even)")  # fmt: skip
+                         "--min-size say (%(default)s)")  # fmt: skip
     add_policy(quality, "the shipped one of that density")
     files = mesh.add_argument_group("files")
     files.add_argument("--split", action="store_true",
@@ -165,7 +166,7 @@ def run_one(options: argparse.Namespace, done: Done | None = None) -> int:
         DomainError, PolicyError, OutputError: what is wrong with the input.
         MeshingError: a domain that has no valid mesh.
     """
-    from envs.domains.load import load_geometry, own_sizes, wanted_sizes
+    from envs.domains.load import check_known, load_geometry, own_sizes, wanted_sizes
     from envs.polygons.layers_along import with_layers_along
     from envs.readers.size_input import size_of
     from envs.types import Domain, WantedSizes
@@ -177,13 +178,13 @@ def run_one(options: argparse.Namespace, done: Done | None = None) -> int:
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.mesher.worst_element import worst_note
     from freemesh_ray.plots import SUFFIXES as PICTURES
-    from freemesh_ray.policies.policy import SHIPPED, Policy
     from freemesh_ray.storage.atomic import OutputError
 
     WantedSizes(options.min_size, options.max_size)
     said = None if options.size is None else size_of(options.size)
     outputs = [Path(output) for output in options.output]
     if not outputs and not options.list_names:
+        check_known(options.domain)
         raise OutputError("mesh: where to write? give -o OUT, as in -o part.inp")
     check_outputs(outputs, PICTURES if options.list_names else SUFFIXES)
     if options.extrude is not None and options.revolve is not None:
@@ -196,7 +197,8 @@ def run_one(options: argparse.Namespace, done: Done | None = None) -> int:
         edge_length=options.edge_length, grading=options.grading, curvature=options.curvature,
         size=own if said is None else said, allow_large=options.yes, mirror=options.mirror,
         periodic=[(first, second) for first, second in options.periodic],
-        room=check_memory, left_out=left.polygon if options.keep_going else None,
+        room=check_memory, odd=options.list_names and not options.fix_parity,
+        left_out=left.polygon if options.keep_going else None,
     )  # fmt: skip
     for told in geometry.notes:
         note(f"{options.domain}: {told}")

@@ -75,6 +75,11 @@ class Paths:
         }
 
 
+def elsewhere(key: str) -> str:
+    """The fix for a folder of ``paths`` that cannot be used, ``key`` as ``paths.runs``."""
+    return f"set {HOME}, or {key}, to another place"
+
+
 def pasted(path: str | Path) -> str:
     """A path as it can be pasted into a shell in the current folder."""
     return shlex.quote(shown(path))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from freemesh_ray.export.formats import ELEMENT_TYPES, FORMATS, MSH_VERSIONS, SUFFIXES
-from freemesh_ray.storage.atomic import OutputError, replacing
+from freemesh_ray.storage.atomic import OutputError, check_writable, replacing
 
 if TYPE_CHECKING:
     from envs.mesh import Mesh
@@ -40,7 +40,7 @@ def write(
     Args:
         mesh: a plane mesh, or one of hexahedra, such as one that was swept. Vertices of a plane one get z = 0. Its
             named parts are kept as far as the format can, see `formats.Format`.
-        path: ending in one of `SUFFIXES`; missing folders are made.
+        path: ending in one of `SUFFIXES`, in a folder that is there.
         version: of the Gmsh format, one of `MSH_VERSIONS`.
         quadratic: quadrilaterals of order 2, of eight nodes where the format has such.
         order: of quadrilaterals, 1 to 4: of (order + 1)^2 nodes; of 8 at order 2 where the format has no others.
@@ -50,8 +50,8 @@ def write(
         What was changed or left out, for the user, a line each: names that the format cannot hold, and parts.
 
     Raises:
-        OutputError: another extension or version, elements that the format does not hold, a mesh without elements, or
-            a place that cannot be written to.
+        OutputError: another extension or version, elements that the format does not hold, a mesh without elements, a
+            folder that is missing, or a place that cannot be written to.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -59,6 +59,7 @@ def write(
         raise OutputError(f"{path}: unknown format {path.suffix or '(none)'}: use one of {', '.join(FORMATS)}")
     if version not in MSH_VERSIONS:
         raise OutputError(f"{path}: unknown Gmsh version {version}: use one of {', '.join(MSH_VERSIONS)}")
+    check_writable(path)
     format = FORMATS[suffix]
     from freemesh_ray.export.names import renamed  # the command's help needs none of this
 

@@ -6,7 +6,8 @@ formula then says for every all-quad mesh that has them
     sum over interior nodes of (4 - valence)  =  4 chi - sum over boundary nodes of (2 - q)  =  the index
 
 with chi = 1 - holes. By the sum of a polygon's angles it is the sum of q - angle / 90 degrees, holes or not. A node of
-valence 3 counts 1, one of valence 5 counts -1: so many of these, at least, no such mesh can do without.
+valence 3 counts 1, one of valence 5 counts -1: so many of these, at least, no such mesh can do without; one with other
+numbers of elements at the boundary may have fewer.
 """
 
 from __future__ import annotations

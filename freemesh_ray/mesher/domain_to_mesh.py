@@ -113,7 +113,7 @@ def mesh_domain(
     if sizes.stated and not policy.parameters.sized:
         raise PolicyError(
             f"{domain.name}: the policy was trained with env.scale = {policy.parameters.scale} and keeps to no size: "
-            "give --density even, or leave --min-size and --max-size out"
+            "give --density even, or leave --size, --min-size and --max-size out"
         )
     expected = expected_in_domain(domain)
     if sizes.stated:

@@ -35,6 +35,7 @@ from freemesh_ray.mesh_geometry.swept import SweptMesh
 from freemesh_ray.mesher import MeshResult, check_memory, mesh_domain
 from freemesh_ray.plots import replay
 from freemesh_ray.policies.policy import DEFAULT, DENSITY, SHIPPED, Policy
+from freemesh_ray.storage.atomic import check_writable
 
 if TYPE_CHECKING:
     import meshio
@@ -130,7 +131,8 @@ class Mesh(PlainMesh):
             elements: their number.
             eta, eta_p5, eta_min: element quality, 0 to 1 (a square): mean, 5th percentile, least.
             singularity: irregular nodes, interior nodes with other than four edges; a number.
-            singularity_least: as many, of three and five edges, the boundary asks for in any all-quad mesh.
+            singularity_least: the fewest of three and five edges if every boundary node has as many elements as its
+                angle asks for; a mesh with other numbers there may have fewer.
             min_angle, max_angle: mean |least angle - 90| and |largest angle - 90|, degrees; 0 is best.
             scaled_jacobian: -1 to 1 (a rectangle); stretch: 0 to 1 (a square); taper: 0 (a parallelogram) and above.
             triangles, non_convex: numbers, always 0.
@@ -143,7 +145,12 @@ class Mesh(PlainMesh):
         return figures
 
     def plot(self, path: str | os.PathLike[str]) -> None:
-        """Draw it, coloured by quality, into a ``.png`` or ``.svg``."""
+        """Draw it, coloured by quality, into a ``.png`` or ``.svg``.
+
+        Raises:
+            OutputError: a folder that is missing, or a place that cannot be written to.
+        """
+        check_writable(Path(path))
         plots.draw_mesh(self, Path(path))
 
     def _repr_html_(self) -> str:
@@ -193,7 +200,7 @@ class Mesh(PlainMesh):
         """Write it in the format that the extension names, one of ``SUFFIXES``.
 
         Args:
-            path: of a format of docs/formats.md, a picture, or ``.html``, a replay.
+            path: of a format of docs/formats.md, a picture, or ``.html``, a replay; its folder must be there.
             version: of a ``.msh``, 4.1 or 2.2.
             quadratic: of order 2, elements of eight nodes where the format has such.
             order: of the elements, 1 to 4; nodes of curved sides are on their curves.
@@ -203,12 +210,14 @@ class Mesh(PlainMesh):
             What was changed or left out, a line each: names that the format cannot hold, parts that it does not keep.
 
         Raises:
-            OutputError: another extension, elements that the format does not hold, or a place that cannot be written.
+            OutputError: another extension, elements that the format does not hold, a folder that is missing, or a
+                place that cannot be written to.
         """
         place = Path(path)
         if place.suffix.lower() in plots.SUFFIXES:
             self.plot(place)
         elif place.suffix.lower() == replay.SUFFIX:
+            check_writable(place)
             replay.write(self.result.raw, place, None if self.result.finished is self.result.raw else self)
         else:
             return export.write(self, place, version, quadratic, order=order, element_type=element_type)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from envs.quality import element_quality
 from freemesh_ray.mesh_geometry.metrics import irregular, measure
 from freemesh_ray.mesh_geometry.protocol import PlaneMesh
 from freemesh_ray.plots.colours import COLOURS, FEW, FRONT, INK, MANY, QUALITY, TRIANGLE
-from freemesh_ray.plots.page import WIDTH, page, save
+from freemesh_ray.plots.page import WIDTH, page, png_of, save
 
 #: Irregular nodes by valence: (lowest, highest) -> marker, colour, label.
 IRREGULAR: dict[tuple[float, float], tuple[str, str, str]] = {
@@ -69,10 +68,7 @@ def draw_mesh(
 def mesh_png(mesh: Mesh) -> bytes:
     """The picture of `draw_mesh`, 100 dots an inch, as a PNG's bytes."""
     figure = draw_mesh(mesh)
-    assert isinstance(figure, Figure)
-    into = io.BytesIO()
-    figure.savefig(into, format="png", dpi=100, bbox_inches="tight")
-    return into.getvalue()
+    return png_of(figure)
 
 
 def draw_panel(mesh: PlaneMesh, axes: Axes, title: str, width: float = WIDTH) -> None:

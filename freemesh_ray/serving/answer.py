@@ -205,5 +205,5 @@ def not_a_number(word: str) -> float:
 
 def in_parameters(line: str) -> str:
     """A line that advises options of the command, with the names of a request's parameters instead."""
-    line = re.sub(r" \(\w+=\w* in Python\)", "", line).replace("--fix-parity", "fix_parity=true")
+    line = re.sub(r" \((\w+=\w*, )*\w+=\w* in Python\)", "", line).replace("--fix-parity", "fix_parity=true")
     return re.sub(r"--(\w+)-(\w+)", r"\1_\2", line)

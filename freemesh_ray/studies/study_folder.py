@@ -21,6 +21,7 @@ from typing import Any
 
 from envs.errors import UserError
 from freemesh_ray import config
+from freemesh_ray.config.paths import elsewhere
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import read_json
 from freemesh_ray.studies.definition import Study, load
@@ -183,7 +184,7 @@ class StudyFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise StudyError(f"{self.path}: cannot be made ({error.strerror}): set paths.studies elsewhere") from error
+            raise StudyError(f"{self.path}: cannot be made ({error.strerror}): {elsewhere('paths.studies')}") from error
 
     def claim(self, study: Study, resume: bool) -> Study:
         """Write a study down in its folder, or take it up again, with what it is extended by.

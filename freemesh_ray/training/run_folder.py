@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.errors import FAILED, UserError
+from freemesh_ray.config.paths import elsewhere
 from freemesh_ray.storage.atomic import replacing
 from freemesh_ray.storage.json_file import parsed, read_text
 from freemesh_ray.storage.lock import FILE, held
@@ -100,11 +101,9 @@ class RunFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RunError(
-                f"{self.path}: cannot be made ({error.strerror}): set paths.runs to another place"
-            ) from error
+            raise RunError(f"{self.path}: cannot be made ({error.strerror}): {elsewhere('paths.runs')}") from error
         if not os.access(self.path, os.W_OK):
-            raise RunError(f"{self.path}: cannot be written to: set paths.runs to another place")
+            raise RunError(f"{self.path}: cannot be written to: {elsewhere('paths.runs')}")
         with held(self.path, "wait for its end, or --set name=OTHER to begin another"):
             started = bool(checkpoint.found(self.checkpoints))
             if started and not resume:

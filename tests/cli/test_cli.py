@@ -84,6 +84,41 @@ def test_bad_polygons(ring: list, words: str, policy: str, folder: Path, capsys:
     assert words in err.lower()
 
 
+@pytest.mark.parametrize(
+    ("drawn", "segments"),
+    [
+        ([SQUARE[:7]], 7),
+        ([SQUARE, [[0.5, 0.5], [1.5, 0.5], [1, 1.5]]], 11),
+        # Its seam is walked in both directions; names are offered for what is outside.
+        ([[[0, 0], [4, 0], [4, 4], [2, 2], [2, 1], [1, 1], [2, 2], [4, 4], [0, 4]]], 4),
+    ],
+    ids=["ring", "hole", "seam"],
+)
+def test_names_of_an_odd_outline_are_listed_with_its_segments_as_given(
+    drawn: list, segments: int, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rings = [[*ring, ring[0]] for ring in drawn]
+    Path("odd.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": rings}))
+    assert cli.main(["mesh", "odd.geojson", "--list-names", "-o", "names.png"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert sum(int(row[-2]) for row in rows if row[0] == "side") == segments
+    assert Path("names.png").stat().st_size
+
+
+def test_what_is_no_outline_has_no_names_either(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "cross" in refused(capsys, folder, "mesh", polygon([[0, 0], [2, 2], [2, 0], [0, 2]]), "--list-names")
+
+
+@pytest.mark.parametrize("command", ["train", "study"])
+def test_a_home_that_cannot_be_used_is_told_by_its_variable(
+    command: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FREEMESH_HOME", "/proc/none")
+    key = {"train": "runs", "study": "studies"}[command]
+    err = refused(capsys, folder, command, *(["algorithms", "--smoke"] if command == "study" else []))
+    assert f"set FREEMESH_HOME, or paths.{key}, to another place" in err
+
+
 def test_an_odd_ring_is_mended_on_request(policy: str) -> None:
     assert cli.main(["mesh", polygon(SQUARE[:7]), "-o", "out.vtu", "--policy", policy, "--fix-parity"]) == 0
 
@@ -96,6 +131,8 @@ def test_an_odd_ring_is_mended_on_request(policy: str) -> None:
         (["mesh", "T1", "-o", "o.stl", "--policy", "policy.npz"], ".inp"),
         (["mesh", "T1", "-o", "o.vtu", "--policy", "none.npz"], "none.npz"),
         (["mesh", "T1"], "-o"),
+        (["mesh", "T11"], "no domain of this name"),
+        (["mesh", "nowhere.geojson"], "no such file"),
         (["train", "--config", "missing.yaml"], "missing.yaml"),
         (["train", "--set", "learner.gama=0.9"], "learner.gamma"),
         (["train", "--set", "learner.gamma=2"], "[0, 1]"),

@@ -96,13 +96,14 @@ def links(document: str) -> list[str]:
 
 
 def anchors(document: str) -> set[str]:
-    """The anchors of the headings, as GitHub makes them."""
+    """The anchors of the headings, as GitHub makes them, and those that are given."""
     found: dict[str, int] = {}
     for title in re.findall(r"^#{1,6} +(.+?) *#*$", prose(document), re.M):
         title = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", title)
         slug = re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
         found[slug] = found.get(slug, -1) + 1
-    return {slug if i == 0 else f"{slug}-{i}" for slug, count in found.items() for i in range(count + 1)}
+    given = set(re.findall(r'<a id="([\w-]+)"></a>', prose(document)))
+    return given | {slug if i == 0 else f"{slug}-{i}" for slug, count in found.items() for i in range(count + 1)}
 
 
 def leads_to(document: str, target: str) -> str | None:

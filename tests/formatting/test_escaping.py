@@ -197,7 +197,7 @@ WAYS = {
     "csv.writer": {"freemesh_ray/formatting/csv_text.py"},
     "csv.DictWriter": set(),
     "html.escape": set(),
-    "print": {"freemesh_ray/local_ray.py", "freemesh_ray/local_ray/start.py"},
+    "print": {"freemesh_ray/local_ray/start.py"},
 }
 
 
@@ -207,6 +207,11 @@ def ways(source: str) -> set[str]:
     found = {way for way in WAYS if any(name == way or name.endswith(f".{way}") for name in called)}
     texts = {node.value for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant)}
     return found | ({"escape"} if texts & {"\\|", "&lt;", "\\u003c", "\x1b"} else set())
+
+
+def test_the_files_that_are_permitted_exist_and_use_what_they_are_permitted() -> None:
+    for way, places in WAYS.items():
+        assert [place for place in places if way not in ways((ROOT / place).read_text())] == [], way
 
 
 @pytest.mark.slow

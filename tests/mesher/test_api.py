@@ -15,7 +15,9 @@ import freemesh_ray
 from envs.domains.load import load
 from envs.mdp.observation import observation_size
 from envs.types import DomainError, MeshingParameters
+from freemesh_ray.mesher import polygon_to_mesh
 from freemesh_ray.policies.policy import SHIPPED, Policy, PolicyError
+from freemesh_ray.storage.atomic import OutputError
 
 OUTLINE = np.array([[0, 0], [4, 0], [4, 1.5], [1.5, 1.5], [1.5, 3], [0, 3]], dtype=np.float64)
 
@@ -153,3 +155,12 @@ def test_meshing_needs_neither_ray_nor_torch_nor_mlflow() -> None:
         "heavy = {'ray', 'torch', 'mlflow'} & set(sys.modules); assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("suffix", polygon_to_mesh.SUFFIXES)
+def test_no_folder_is_made(tmp_path: Path, suffix: str) -> None:
+    mesh = freemesh_ray.mesh([[0, 0], [1, 0], [1, 1], [0, 1]])
+    path = tmp_path / "none" / f"mesh{suffix}"
+    with pytest.raises(OutputError, match=f"there is no folder {path.parent}: `mkdir -p {path.parent}` makes it"):
+        mesh.write(path)
+    assert list(tmp_path.iterdir()) == []

@@ -15,17 +15,12 @@ from checkout import ROOT
 
 import freemesh_ray
 from envs.domains.load import load
+from freemesh_ray.export import FORMATS
 from freemesh_ray.storage import atomic, state_file
 from freemesh_ray.storage.atomic import OutputError, refusing_links, replacing
 
 #: The one call in each of these files that writes to a path as it is given: it is a draft's.
-GIVEN_DRAFTS = {
-    f"export/{name}.py": "path.write_bytes("
-    for name in (
-        "abaqus", "exodus", "gmsh", "hohqmesh", "ideas", "ls_dyna", "mfem", "nastran", "openfoam", "su2", "vtk",
-        "wavefront", "xdmf",
-    )
-}  # fmt: skip
+GIVEN_DRAFTS = {f"export/{format.module}.py": "path.write_bytes(" for format in FORMATS.values()}
 
 
 @pytest.fixture(params=[0o000, 0o022, 0o077], ids=["000", "022", "077"])
@@ -38,6 +33,8 @@ def umask(request: pytest.FixtureRequest) -> Iterator[int]:
 def test_files_and_folders_follow_the_umask(umask: int, tmp_path: Path) -> None:
     mesh = freemesh_ray.mesh(load("D4").points[:84])
     mesh_files = [tmp_path / "made" / f"mesh{suffix}" for suffix in freemesh_ray.mesher.polygon_to_mesh.SUFFIXES]
+    with replacing(tmp_path / "made" / "first") as draft:
+        draft.write_text("text")
     for path in mesh_files:
         mesh.write(path)
     state_file.save({"a": 1}, tmp_path / "made" / "state.npz")
@@ -47,7 +44,7 @@ def test_files_and_folders_follow_the_umask(umask: int, tmp_path: Path) -> None:
         mode = 0o777 if path.is_dir() else 0o666
         assert stat.S_IMODE(path.stat().st_mode) == mode & ~umask, path
     assert sorted((tmp_path / "made").iterdir()) == sorted(
-        [*mesh_files, *(tmp_path / "made" / x for x in ("constant", "log", "state.npz"))]
+        [*mesh_files, *(tmp_path / "made" / x for x in ("constant", "first", "log", "state.npz"))]
     )
 
 

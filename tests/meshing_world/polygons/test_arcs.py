@@ -145,5 +145,8 @@ def test_small_zigzags_are_no_arcs(amplitude: float) -> None:
 
 @pytest.mark.parametrize("curvature", [3.9, 181.0, float("nan"), -1.0])
 def test_a_curvature_that_is_none(curvature: float) -> None:
-    with pytest.raises(DomainError, match=r"^polygon: curvature .*; give --curvature the segments of a full turn"):
+    with pytest.raises(
+        DomainError,
+        match=r"^polygon: curvature .*; give --curvature \(curvature= in Python\) the segments of a full turn",
+    ):
         from_object(circle(40), edge_length=1.0, curvature=curvature)

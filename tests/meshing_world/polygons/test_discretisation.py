@@ -158,10 +158,10 @@ def test_holes_allow_fewer_vertices() -> None:
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"edge_length": 0.0}, "edge length 0.0; give --edge-length a positive number"),
+    ({"edge_length": 0.0}, r"edge length 0.0; give --edge-length \(edge_length= in Python\) a positive number"),
     ({"edge_length": -1.0}, "edge length -1.0; give --edge-length"),
     ({"edge_length": float("nan")}, "edge length nan"),
-    ({"edge_length": 1.0, "grading": 0.5}, "grading 0.5; give --grading a ratio from 1"),
+    ({"edge_length": 1.0, "grading": 0.5}, r"grading 0.5; give --grading \(grading= in Python\) a ratio from 1"),
     ({"edge_length": 1.0, "grading": float("nan")}, "grading nan"),
     ({"grading": 2.0}, "grading 2 without an edge length"),
 ])  # fmt: skip
