@@ -44,9 +44,9 @@ ASSERTION = ("assert ", "AssertionError", "Failed: ")
 TEXT = """\
 # Mutations
 
-`.venv/bin/python docs/benchmarks/mutations.py --out docs` breaks a copy of the checkout in one of these places at a time and runs
-the test beside it, which has to fail by an assertion; unbroken, the same tests pass. It writes this page when all were
-noticed. The texts before and after are in [mutations.yaml](benchmarks/mutations.yaml).
+`.venv/bin/python docs/benchmarks/mutations.py --out docs` breaks a copy of the checkout in one of these places at a
+time and runs the test beside it, which has to fail by an assertion; unbroken, the same tests pass. It writes this page
+when all were noticed. The texts before and after are in [mutations.yaml](benchmarks/mutations.yaml).
 
 | what was broken | where | the test that noticed |
 |---|---|---|

@@ -1,6 +1,7 @@
 """Processor time of requests to `freemesh serve`: measured, and as `serving/expected_time.py` expects it.
 
-    .venv/bin/python docs/benchmarks/request_time.py [--elements 100 300 1000 5000] [--efforts quick usual] [--density even]
+    .venv/bin/python docs/benchmarks/request_time.py [--elements 100 300 1000 5000] [--efforts quick usual]
+        [--density even]
 
 Four polygons are split by the edge length that gives about so many elements, meshed, and written as JSON, all in this
 process. ``thorough`` takes up to 12 s for each.

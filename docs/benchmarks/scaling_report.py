@@ -37,9 +37,9 @@ RANGE = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1_024)
 TEXT = """\
 # Scaling
 
-`.venv/bin/python docs/benchmarks/scaling.py --seconds {seconds:g} --out docs` measures this and writes this page, the numbers
-behind it (scaling.json) and the picture. Machine: {cores} cores, {system}. Settings, unless others are named: SAC on
-T1, {envs} environments a runner, fragments of {fragment} steps, {updates_per_step:g} updates a step, batch {batch},
+`.venv/bin/python docs/benchmarks/scaling.py --seconds {seconds:g} --out docs` measures this and writes this page, the
+numbers behind it (scaling.json) and the picture. Machine: {cores} cores, {system}. Settings, unless others are named:
+SAC on T1, {envs} environments a runner, fragments of {fragment} steps, {updates_per_step:g} updates a step, batch {batch},
 on the CPU.
 
 ![samples a second against env runners](scaling.png)

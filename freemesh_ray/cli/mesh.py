@@ -121,8 +121,9 @@ def add(commands: Any) -> None:
     quality.add_argument("--no-smooth", dest="smooth", action="store_false", help="leave vertices where they were put")
     quality.add_argument("--no-clean", dest="clean", action="store_false", help="leave irregular vertices")
     quality.add_argument("--effort", choices=["quick", "usual", "thorough"], default="usual",
-                         help="against irregular nodes, after a local clean-up: how long to fill patches of elements anew; "
-                         "quick: not at all; usual: about half a second; thorough: many times as long (usual)")  # fmt: skip
+                         help="against irregular nodes, after a local clean-up: how long to fill patches of elements "
+                         "anew; quick: not at all; usual: about half a second; thorough: many times as long "
+                         "(usual)")  # fmt: skip
     quality.add_argument("--search", action="store_true",
                          help="for each element the best of several of the policy's draws, not its mean")  # fmt: skip
     quality.add_argument("--density", choices=list(SHIPPED), default=DENSITY,
