@@ -42,10 +42,12 @@ class MeshRequest:
 
     Attributes:
         body: the polygon's text as the client sent it, unchecked.
+        client: the address that it came from, see connections.client_address; empty: not known.
     """
 
     body: bytes
     parameters: Parameters
+    client: str = ""
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,7 @@ class MesherPool:
         """The answer to a request, from another mesher when one is lost.
 
         Raises:
+            ShareTaken: the client's share of the queue is full.
             Busy: the queue is full, or the request waited in it for longer than a mesh may take.
         """
         lane = QUICK if len(request.body) <= self._limits.quick_bytes else COSTLY
@@ -99,7 +100,7 @@ class MesherPool:
         try:
             async with awake_timeout(2.0 * self._limits.seconds):
                 while tries:
-                    mesher = await self._queues[lane].take()
+                    mesher = await self._queues[lane].take(request.client)
                     try:
                         # It goes on when the client leaves, and the mesher is not free before.
                         answer = await asyncio.shield(self._spawn(self._answer(mesher, request, lane)))
