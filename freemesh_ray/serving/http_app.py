@@ -21,13 +21,14 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from freemesh_ray.serving.answer import NAME, Answer, MeshRequest, Refused
 from freemesh_ray.serving.awake import awake_timeout
+from freemesh_ray.serving.connections import client_address
 from freemesh_ray.serving.counters import CLIENT_LEFT, MESH, Counters
 from freemesh_ray.serving.errors import error_response
 from freemesh_ray.serving.formats import JSON, MEDIA_TYPES
 from freemesh_ray.serving.hosts import KnownHosts
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.parameters import ParameterError, parameters, value_types
-from freemesh_ray.serving.queue import Busy
+from freemesh_ray.serving.queue import Busy, ShareTaken
 
 #: Paths that are counted by name.
 PATHS = ("/", MESH, "/health", "/metrics")
@@ -111,8 +112,11 @@ class _Endpoints:
         except ParameterError as error:
             raise Refused(HTTPStatus.BAD_REQUEST, str(error)) from None
         body = await self._body(request)
+        asked = MeshRequest(body, wanted, client_address(request.client))
         try:
-            answer = await _unless_left(request, self._mesh(MeshRequest(body, wanted)))
+            answer = await _unless_left(request, self._mesh(asked))
+        except ShareTaken:
+            raise _busy("requests from your address have half of the queue, which is all that one may have") from None
         except Busy:
             raise _busy() from None
         headers = {}
@@ -261,8 +265,8 @@ async def _unless_left(request: Request, work: Coroutine[Any, Any, Answer]) -> A
         working.cancel()
 
 
-def _busy() -> HTTPException:
-    line = "busy: all meshers are at work and the queue is full; try again"
+def _busy(why: str = "all meshers are at work and the queue is full") -> HTTPException:
+    line = f"busy: {why}; try again"
     return HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, line, {"Retry-After": str(RETRY_AFTER)})
 
 

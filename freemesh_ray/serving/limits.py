@@ -19,7 +19,8 @@ class Limits:
         quick_bytes: body of a request that may be a quick one.
         quick_expected: processor time that a quick request is expected to take, in seconds.
         quick_seconds: processor time after which a request that looked quick goes on as a costly one.
-        waiting: requests that may wait for a free mesher, quick and costly ones apart; further ones are turned away.
+        waiting: requests that may wait for a free mesher, quick and costly ones apart, half of them of one address;
+            further ones are turned away.
         uploads: bodies of more than ``quick_bytes`` that may be on their way; with ``waiting`` and ``body_bytes`` this
             bounds the memory that requests take.
         upload_seconds: until a body has arrived.

@@ -43,14 +43,20 @@ class Mesher:
             self._threads[lane].submit(self._supervisors[lane].start)
         return not missing
 
-    async def answer(self, request: MeshRequest, lane: str) -> Answer | None:
+    async def answer(self, request: MeshRequest, lane: str) -> tuple[Answer | None, bool]:
         """Mesh what is asked for; where its client has left, this goes on to its end or until its time is up.
 
         Returns:
-            None for a request that is too costly for the quick lane.
+            None for a request that is too costly for the quick lane; and whether it looked quick and took too
+            long.
 
         Raises:
             WorkerError: there is no worker and none can be started.
         """
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._threads[lane], self._supervisors[lane].answer, request)
+        return await loop.run_in_executor(self._threads[lane], self._answer, request, lane)
+
+    def _answer(self, request: MeshRequest, lane: str) -> tuple[Answer | None, bool]:
+        """In the lane's thread."""
+        supervisor = self._supervisors[lane]
+        return supervisor.answer(request), supervisor.overran

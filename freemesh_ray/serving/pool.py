@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import ray
@@ -16,6 +17,7 @@ from freemesh_ray.serving.awake import Awake, awake_timeout
 from freemesh_ray.serving.lanes import COSTLY, LANES, QUICK
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.mesher_actor import Mesher
+from freemesh_ray.serving.overruns import Overruns
 from freemesh_ray.serving.queue import Busy, Queue
 
 #: MesherPool that may die over one request before its client hears of it.
@@ -65,6 +67,7 @@ class MesherPool:
         self._policies, self._limits, self._count, self._retried = ray.put(dict(policies)), limits, count, retried
         self._class = ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(Mesher)
         self._queues = {lane: Queue[_Running](limits.waiting) for lane in LANES}
+        self._overruns = Overruns()
         self._running: set[_Running] = set()
         self._tasks: set[asyncio.Task[Any]] = set()
         self._without = Awake()
@@ -92,6 +95,7 @@ class MesherPool:
         """The answer to a request, from another mesher when one is lost.
 
         Raises:
+            ShareTaken: the client's share of the queue is full.
             Busy: the queue is full, or the request waited in it for longer than a mesh may take.
         """
         lane = QUICK if len(request.body) <= self._limits.quick_bytes else COSTLY
@@ -99,10 +103,11 @@ class MesherPool:
         try:
             async with awake_timeout(2.0 * self._limits.seconds):
                 while tries:
-                    mesher = await self._queues[lane].take()
+                    mesher = await self._queues[lane].take(request.client)
+                    asked = replace(request, doubtful=request.client in self._overruns)
                     try:
                         # It goes on when the client leaves, and the mesher is not free before.
-                        answer = await asyncio.shield(self._spawn(self._answer(mesher, request, lane)))
+                        answer = await asyncio.shield(self._spawn(self._answer(mesher, asked, lane)))
                     except MesherLost:
                         self._retried()
                         tries -= 1
@@ -123,13 +128,16 @@ class MesherPool:
                 await asyncio.wait({asked, lost}, return_when=asyncio.FIRST_COMPLETED)
             if not asked.done():
                 raise MesherLost
-            answer: Answer | None = asked.result()
+            answer: Answer | None
+            answer, overran = asked.result()
         except (RayError, MesherLost, TimeoutError):
             mesher.lost.set()
             raise MesherLost from None
         finally:
             lost.cancel()
             asked.cancel()
+        if overran:
+            self._overruns.add(request.client)
         if not mesher.lost.is_set():
             self._queues[lane].give(mesher)
         return answer

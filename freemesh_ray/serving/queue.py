@@ -1,4 +1,4 @@
-"""Who waits for a free mesher, and for how many there is room."""
+"""Who waits for a free mesher, and for how many there is room: for one client half as many as for all."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ class Busy(Exception):
     """There is no room for one more request."""
 
 
+class ShareTaken(Busy):
+    """There is none for one more request of this client."""
+
+
 class Queue(Generic[Place]):
     """Free places, and those who wait for one, first come, first served; to be used in one event loop."""
 
@@ -20,23 +24,30 @@ class Queue(Generic[Place]):
         """Begin without a place.
 
         Args:
-            waiting: how many may wait.
+            waiting: how many may wait; of one client half of them.
         """
-        self._most, self._free, self._waiting = waiting, deque[Place](), deque[asyncio.Future[Place]]()
+        self._most, self._free = waiting, deque[Place]()
+        self._waiting = deque[tuple[str, asyncio.Future[Place]]]()
 
-    async def take(self) -> Place:
+    async def take(self, client: str) -> Place:
         """A place, as soon as there is one.
 
+        Args:
+            client: who waits.
+
         Raises:
-            Busy: too many wait already.
+            ShareTaken: too many of this client wait already.
+            Busy: too many do.
         """
         if self._free:
             return self._free.popleft()
-        self._waiting = deque(one for one in self._waiting if not one.done())
+        self._waiting = deque((whose, one) for whose, one in self._waiting if not one.done())
         if len(self._waiting) >= self._most:
             raise Busy
+        if sum(whose == client for whose, _ in self._waiting) >= max(self._most // 2, 1):
+            raise ShareTaken
         mine: asyncio.Future[Place] = asyncio.get_running_loop().create_future()
-        self._waiting.append(mine)
+        self._waiting.append((client, mine))
         try:
             return await mine
         except asyncio.CancelledError:
@@ -47,7 +58,7 @@ class Queue(Generic[Place]):
     def give(self, place: Place) -> None:
         """Here is a free place."""
         while self._waiting:
-            if not (first := self._waiting.popleft()).done():
+            if not (first := self._waiting.popleft()[1]).done():
                 first.set_result(place)
                 return
         self._free.append(place)

@@ -61,12 +61,15 @@ class Supervisor:
             policies: by density.
             limits: of a request.
             lane: of `lanes.LANES`.
+
+        ``overran`` says of the last request whether it looked quick and was ended for its processor time.
         """
         self._policies, self._limits, self._lane = dict(policies), limits, lane
         self._process: subprocess.Popen[bytes] | None = None
         self._control: socket.socket | None = None
         self._connection: Connection | None = None
         self._last_status = 0
+        self.overran = False
         self._folder: Path | None = None
 
     def start(self) -> None:
@@ -108,6 +111,7 @@ class Supervisor:
         Raises:
             WorkerError: no worker can be started.
         """
+        self.overran = False
         for left in reversed(range(TRIES)):
             self.start()
             clock = Awake()
@@ -128,6 +132,7 @@ class Supervisor:
                 self.stop()
                 continue
             if self._last_status == -signal.SIGPROF:  # only in the quick lane (see `worker.limit_time`)
+                self.overran = True
                 return None
             if self._last_status == -signal.SIGALRM:
                 clock.seconds()

@@ -31,6 +31,7 @@ from envs.domains.load import load
 from freemesh_ray.mesher import mesh_domain
 from freemesh_ray.policies.policy import Policy
 from freemesh_ray.serving.answer import Answer, MeshRequest, answer, refusal
+from freemesh_ray.serving.expected_time import stuck_seconds
 from freemesh_ray.serving.lanes import NICENESS, QUICK
 from freemesh_ray.serving.limits import Limits
 
@@ -54,6 +55,7 @@ def keep_a_worker(control: socket.socket, folder: Path) -> None:
     policies, limits, lane = Connection(os.dup(control.fileno())).recv()
     for policy in policies.values():
         mesh_domain(policy, load(WARM_UP), best_of=2)
+    stuck_seconds(load(WARM_UP))  # imports what no request is to wait for
     tempfile.tempdir = str(folder)
     limit_memory(limits.worker_bytes)
     os.nice(NICENESS[lane])

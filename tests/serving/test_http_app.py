@@ -28,7 +28,7 @@ from freemesh_ray.serving.http_app import asgi_app, digest
 from freemesh_ray.serving.lanes import QUICK
 from freemesh_ray.serving.limits import Limits
 from freemesh_ray.serving.parameters import ParameterError, Parameters, parameters, value_types
-from freemesh_ray.serving.queue import Busy
+from freemesh_ray.serving.queue import Busy, ShareTaken
 from freemesh_ray.serving.supervisor import Supervisor, WorkerError
 
 LIMITS = Limits(upload_seconds=0.05, body_bytes=100)
@@ -57,7 +57,7 @@ def ask(
         sent.append(message)
 
     scope = {"type": "http", "method": method, "path": path, "query_string": b"", "headers": headers or [],
-             "server": ("10.1.2.3", 8000)}  # fmt: skip
+             "server": ("10.1.2.3", 8000), "client": ("10.9.8.7", 50000)}  # fmt: skip
     app = asgi_app(
         mesh, lambda: meshers, densities=["medium"], limits=LIMITS, token=digest("key") if guarded else None,
         counters=counters, hosts=["127.0.0.1"], pages=["mesh.example.org"],
@@ -86,6 +86,19 @@ def test_busy_meshers() -> None:
     status, headers, body, counters = ask(busy, [b"{}"])
     assert (status, headers["retry-after"]) == (503, "1")
     assert "try again" in json.loads(body)["error"]
+    assert b'freemesh_rejected_total{reason="busy"} 1.0' in counters.page()[0]
+
+
+def test_a_client_that_has_its_share_of_the_queue() -> None:
+    async def refused(request: MeshRequest) -> Answer:
+        assert request.client == "10.9.8.7"
+        raise ShareTaken
+
+    status, headers, body, counters = ask(refused, [b"{}"])
+    assert (status, headers["retry-after"]) == (503, "1")
+    line = json.loads(body)["error"]
+    assert "your address" in line
+    assert "try again" in line
     assert b'freemesh_rejected_total{reason="busy"} 1.0' in counters.page()[0]
 
 

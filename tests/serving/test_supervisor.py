@@ -113,6 +113,7 @@ def test_what_is_too_costly_for_the_quick_lane() -> None:
     with supervisor(QUICK) as one:
         before = worker(one)
         assert one.answer(LARGE) is None
+        assert not one.overran
         answer = one.answer(SMALL)
         assert answer is not None
         assert (answer.status, worker(one)) == (200, before)
@@ -130,6 +131,9 @@ def test_no_request_waits_for_longer_than_its_time_in_the_quick_lane() -> None:
 def test_what_takes_too_long_for_the_quick_lane() -> None:
     with supervisor(QUICK, quick_expected=1e9, quick_seconds=0.2) as one:
         assert one.answer(LARGE) is None
+        assert one.overran
+        assert one.answer(SMALL) is not None
+        assert not one.overran
 
 
 @pytest.mark.slow
