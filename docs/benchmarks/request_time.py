@@ -54,7 +54,7 @@ def star(corners: int, inner: float) -> bytes:
 def plate(holes: int, side: float = 0.4) -> bytes:
     """A square with so many square holes in rows, one in each unit square."""
     size = math.ceil(math.sqrt(holes))
-    rings = [[[0, 0], [size, 0], [size, size], [0, size]]]
+    rings: list[list[list[float]]] = [[[0, 0], [size, 0], [size, size], [0, size]]]
     for hole in range(holes):
         x, y = hole % size + 0.3, hole // size + 0.3
         rings.append([[x, y], [x, y + side], [x + side, y + side], [x + side, y]])

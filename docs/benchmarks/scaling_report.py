@@ -39,8 +39,8 @@ TEXT = """\
 
 `.venv/bin/python docs/benchmarks/scaling.py --seconds {seconds:g} --out docs` measures this and writes this page, the
 numbers behind it (scaling.json) and the picture. Machine: {cores} cores, {system}. Settings, unless others are named:
-SAC on T1, {envs} environments a runner, fragments of {fragment} steps, {updates_per_step:g} updates a step, batch {batch},
-on the CPU.
+SAC on T1, {envs} environments a runner, fragments of {fragment} steps, {updates_per_step:g} updates a step,
+batch {batch}, on the CPU.
 
 ![samples a second against env runners](scaling.png)
 
