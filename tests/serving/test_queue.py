@@ -57,8 +57,11 @@ def test_one_client_has_half_of_the_room(room: int, left: int) -> None:
         greedy = [asyncio.create_task(queue.take("greedy")) for _ in range(share)]
         await asyncio.sleep(0)
         if share < room:
+            refused = asyncio.create_task(queue.take("greedy"))
+            await asyncio.sleep(0)
+            assert refused.done(), "waits"
             with pytest.raises(ShareTaken):
-                await queue.take("greedy")
+                refused.result()
         others = [asyncio.create_task(queue.take(str(i))) for i in range(room - share)]
         await asyncio.sleep(0)
         with pytest.raises(Busy):
