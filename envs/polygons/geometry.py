@@ -117,8 +117,8 @@ def no_side(source: str, name: str, known: Iterable[str]) -> DomainError:
     """The error for a name that no side has, with those that there are."""
     sides = ", ".join(dict.fromkeys(map(printable, known))) or "not named"
     return DomainError(
-        f"{source}: no side is called {printable(name)}; the sides are {sides}: `freemesh mesh FILE --list-names` "
-        "prints and draws them"
+        f"{source}: no side is called {printable(name)}; the sides are {sides}; choose one of them, "
+        "which `freemesh mesh FILE --list-names` prints and draws"
     )
 
 

@@ -85,7 +85,7 @@ def test_interfaces_keep_their_points() -> None:
     [
         (
             BoundaryLayers(("botom",), 3, 0.01),
-            "no side is called botom; the sides are left, right, bottom, top: .*--list-names",
+            "no side is called botom; the sides are left, right, bottom, top; .*--list-names",
         ),
         (BoundaryLayers(("bottom",), 0, 0.01), "0 layers; give --boundary-layers a whole number from 1 to 200"),
         (BoundaryLayers(("bottom",), 3, -1.0), "first layer -1 high"),

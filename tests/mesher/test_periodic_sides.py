@@ -61,7 +61,7 @@ def test_both_pairs_of_a_graded_cell() -> None:
 def test_what_is_not_periodic_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(DomainError, match="sides 'left' and 'bottom' are not periodic"):
         freemesh_ray.mesh(BOX, edge_length=0.2, periodic=[("left", "bottom")])
-    told = r"no side is called rigth; the sides are left, right, bottom, top: .*--list-names"
+    told = r"no side is called rigth; the sides are left, right, bottom, top; .*--list-names"
     with pytest.raises(DomainError, match=told):
         freemesh_ray.mesh(BOX, edge_length=0.2, periodic=[("left", "rigth")])
     part = tmp_path / "part.wkt"
