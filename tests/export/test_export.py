@@ -101,6 +101,7 @@ def test_a_nastran_number_fits_its_field_and_is_as_near_as_it_can_be(value: floa
 @pytest.mark.parametrize(("name", "version"), ALL)
 def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, name: str, version: str):
     for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
         write(holed(), tmp_path / folder / name, version=version)
     assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
@@ -253,8 +254,8 @@ def test_any_name_makes_a_deck(tmp_path: Path, suffix: str, name: str):
         ("mesh", {}, f"unknown format (none): use one of {', '.join(SUFFIXES)}"),
         ("mesh.msh", {"version": "4.0"}, "unknown Gmsh version 4.0: use one of 4.1, 2.2"),
         ("mesh.obj", {"quadratic": True}, ".obj holds elements of order 1, not of order 2: write .vtu, .msh,"),
-        ("file/mesh.vtu", {}, "cannot be written"),
-        ("folder.vtu", {}, "cannot be written"),
+        ("file/mesh.vtu", {}, "nothing can be written to"),
+        ("folder.vtu", {}, "is a folder: name a file in it"),
     ],
 )
 def test_what_cannot_be_written_is_said_in_one_line_and_leaves_nothing(

@@ -312,7 +312,7 @@ def test_few_polygons_are_refused() -> None:
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        (Rows(0, 0.1, 1.2), r"^p: 0 layers; give --layers a whole number from 1 to 200$"),
+        (Rows(0, 0.1, 1.2), r"^p: 0 layers; give --boundary-layers a whole number from 1 to 200$"),
         (Rows(201, 0.1, 1.2), "201 layers"),
         (Rows(2, 0.0, 1.2), r"^p: first layer 0 high; give --first a number above 0$"),
         (Rows(2, np.nan, 1.2), "first layer nan"),
