@@ -68,7 +68,8 @@ def wrong_alone(drawing: Drawing, name: str, source: str, options: dict[str, Any
     for p in range(len(drawing.polygons)):
         alone = replace(part_of(drawing, [p]), lines=(), places=())
         try:
-            geometry_of(alone, name, f"{source}: polygon {p}", **options)
+            # Periodic sides have their names from lines, and may be of two polygons.
+            geometry_of(alone, name, f"{source}: polygon {p}", **{**options, "periodic": ()})
         except DomainError as error:
             wrong[p] = str(error)
     return wrong

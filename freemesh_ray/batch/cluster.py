@@ -27,7 +27,7 @@ def done_there(
     Args:
         jobs: as said.
         work: called on a node, which has this package installed.
-        files: by name, the contents of what a job reads.
+        files: the contents of what a job reads, by where they lie in the folder that it is given: ``domain/part.dxf``.
     """
     with local_ray(1):
         import ray
@@ -59,6 +59,7 @@ def in_a_folder(job: Job, work: Remote, files: Mapping[str, bytes]) -> Outcome:
         given.mkdir()
         written.mkdir()
         for name, content in files.items():
+            (given / name).parent.mkdir(exist_ok=True)
             with replacing(given / name) as draft:
                 draft.write_bytes(content)
         outcome = work(job, given, written)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 from typing import Any
 
 from freemesh_ray.batch.inputs import Job
 from freemesh_ray.batch.outcome import Outcome
+from freemesh_ray.storage.environment import variables_set
 
 #: Seconds that processes get to end by themselves.
 END_SECONDS = 0.5
@@ -34,7 +34,7 @@ class Worker:
         ours, its = multiprocessing.Pipe()
         context = multiprocessing.get_context("spawn")
         self.process: Any = context.Process(target=serve, args=(its, work), daemon=True)
-        with one_thread():
+        with variables_set(dict.fromkeys(THREADS, "1")):
             self.process.start()
         its.close()
         self.pipe = ours
@@ -102,21 +102,6 @@ def end(workers: Sequence[Worker]) -> None:
     for worker in workers:
         worker.process.kill()
         worker.process.join()
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Let processes that are started here have one thread."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def serve(pipe: Connection, work: Work) -> None:

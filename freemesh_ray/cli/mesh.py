@@ -174,8 +174,7 @@ def run_one(options: argparse.Namespace, done: Done | None = None) -> int:
     from freemesh_ray.cli.kernel_progress import CompilingLine
     from freemesh_ray.mesher import check_memory
     from freemesh_ray.mesher.coarse_outline import coarse_note
-    from freemesh_ray.mesher.polygon_to_mesh import SUFFIXES, Mesh
-    from freemesh_ray.mesher.sound_regions import mesh_of_sound
+    from freemesh_ray.mesher.polygon_to_mesh import SUFFIXES, Mesh, meshed
     from freemesh_ray.mesher.warm_up import NOTICE, warm_up
     from freemesh_ray.mesher.worst_element import worst_note
     from freemesh_ray.plots import SUFFIXES as PICTURES
@@ -228,13 +227,11 @@ def run_one(options: argparse.Namespace, done: Done | None = None) -> int:
     if options.split and (len(geometry.regions) > 1 or left):
         pieces = [replace(geometry, name=region.domain.name, regions=(region,)) for region in geometry.regions]
     for i, piece in enumerate(pieces):
-        if options.keep_going and len(geometry.regions) > 1:
-            made = mesh_of_sound(piece, policy, sizes, left.domain, allow_large=options.yes, **wishes)
-            if made is None:
-                continue
-            mesh = made
-        else:
-            mesh = Mesh.from_geometry(piece, policy, sizes, allow_large=options.yes, **wishes)
+        spares = left.domain if options.keep_going and len(geometry.regions) > 1 else None
+        sound, results = meshed(piece, policy, sizes, spares, allow_large=options.yes, **wishes)
+        if not results:
+            continue  # what was wrong is told
+        mesh = Mesh.from_results(sound, results)
         number = NUMBER.search(piece.name)  # that of the file, whatever was left out
         called = f"-{number[1] if number else i}" if piece is not geometry else ""
         written = [path.with_stem(path.stem + called) for path in outputs]

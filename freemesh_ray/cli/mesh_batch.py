@@ -170,18 +170,23 @@ def mesh_elsewhere(
     """Mesh one file, which came with what it needs in the folder ``given``, into the folder ``written``."""
     own = {**vars(options), "domain": job.source}
     for key in ("domain", *FILES):
-        if own[key] is not None and (given / Path(own[key]).name).is_file():
-            own[key] = str(given / Path(own[key]).name)
+        if own[key] is not None and (there := given / key / Path(own[key]).name).is_file():
+            own[key] = str(there)
     outcome = mesh_one(argparse.Namespace(**own), formats, mesh, job, written)
-    here = f"{given}{os.sep}"
-    outcome.error, outcome.notes = outcome.error.replace(here, ""), [line.replace(here, "") for line in outcome.notes]
+    for key in ("domain", *FILES):
+        here = f"{given / key}{os.sep}"
+        outcome.error = outcome.error.replace(here, "")
+        outcome.notes = [line.replace(here, "") for line in outcome.notes]
     return outcome
 
 
 def contents(options: argparse.Namespace, job: Job) -> dict[str, bytes]:
-    """By name, what a file's mesh is made of: the file, and those that options name."""
-    given = [job.source, *(getattr(options, key) for key in FILES)]
-    return {Path(path).name: Path(path).read_bytes() for path in given if path is not None and os.path.isfile(path)}
+    """What a file's mesh is made of, the file and those that options name: each by what it is, and its name."""
+    given = {"domain": job.source} | {key: getattr(options, key) for key in FILES}
+    return {
+        f"{key}/{Path(path).name}": Path(path).read_bytes()
+        for key, path in given.items() if path is not None and os.path.isfile(path)
+    }  # fmt: skip
 
 
 def mesh_one(

@@ -17,6 +17,7 @@ from typing import Any
 from freemesh_ray.local_ray.private_folder import private_folder
 from freemesh_ray.local_ray.session import Session
 from freemesh_ray.local_ray.variables import FOLDER, environment
+from freemesh_ray.storage.environment import variables_set
 
 #: Ray gives itself half a minute to start, which a busy machine may not have.
 ATTEMPTS = 5
@@ -101,16 +102,8 @@ def _own_handler_of_sigterm() -> Iterator[None]:
 def _temporary_files_in(folder: Path) -> Iterator[None]:
     """Keep files of Ray's and torch's, which would have names that others can guess, in a folder of our own."""
     ours = {FOLDER: str(folder), "RAY_TMPDIR": str(folder), "TORCHINDUCTOR_CACHE_DIR": str(folder / "torch")}
-    before = {name: os.environ.get(name) for name in ours}
-    os.environ.update(ours)
-    try:
+    with variables_set(ours):
         yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from envs.domains.load import load_geometry, object_geometry, own_sizes, wanted_sizes
+from envs.errors import UserError
 from envs.mesh import Mesh as PlainMesh
 from envs.polygons.axis import axis_of
 from envs.polygons.geometry import Geometry, Region, Test, named_by, with_regions
@@ -101,10 +102,11 @@ class Mesh(PlainMesh):
         Raises:
             DomainError, MeshingError, ValueError: as of `from_domain`.
         """
-        policy = Policy.load(DEFAULT) if policy is None else policy
-        results = [
-            mesh_domain(policy, region.domain, sizes=wishes(region.domain), **options) for region in geometry.regions
-        ]
+        return cls.from_results(*meshed(geometry, policy, wishes, **options))
+
+    @classmethod
+    def from_results(cls, geometry: Geometry, results: Sequence[MeshResult]) -> Self:
+        """One conforming mesh of the regions' meshes; see `meshed`."""
         whole = assembly(geometry, [result.finished for result in results])
         raw = assembly(geometry, [result.raw for result in results])
         layered = in_layers(geometry, results)
@@ -222,6 +224,39 @@ class Mesh(PlainMesh):
         else:
             return export.write(self, place, version, quadratic, order=order, element_type=element_type)
         return ()
+
+
+def meshed(
+    geometry: Geometry,
+    policy: Policy | None = None,
+    wishes: Callable[[Domain], WantedSizes] = lambda _: NO_WISHES,
+    left_out: Callable[[str, UserError], None] | None = None,
+    **options: Any,
+) -> tuple[Geometry, list[MeshResult]]:
+    """Mesh each region by itself.
+
+    Args:
+        geometry, policy, wishes, options: as of `Mesh.from_geometry`.
+        left_out: leave regions out that cannot be meshed, and call this with each: its domain's name, and why.
+
+    Returns:
+        The geometry of the regions that have a mesh, and these meshes.
+
+    Raises:
+        DomainError, MeshingError, ValueError: as of `Mesh.from_domain`, without ``left_out``.
+    """
+    policy = Policy.load(DEFAULT) if policy is None else policy
+    regions, results = list[Region](), list[MeshResult]()
+    for region in geometry.regions:
+        try:
+            results.append(mesh_domain(policy, region.domain, sizes=wishes(region.domain), **options))
+        except UserError as error:
+            if left_out is None:
+                raise
+            left_out(region.domain.name, error)
+        else:
+            regions.append(region)
+    return replace(geometry, regions=tuple(regions)), results
 
 
 def assembly(geometry: Geometry, meshes: Sequence[PlainMesh]) -> PlainMesh:

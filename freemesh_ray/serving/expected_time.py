@@ -1,8 +1,8 @@
 """Processor time that a request takes, told from what it asks for before any of it is meshed.
 
 The numbers are rounded from 148 requests (a rectangle, a wavy disc, a star and docs/examples/part.geojson; 30 to 20,000
-elements) on one core of an AMD EPYC; ``python docs/benchmarks/request_time.py`` measures them again. They are those of
-the costliest shape: a rectangle, which can be filled in rows, takes a tenth of the time.
+elements) on one core of an AMD EPYC; ``.venv/bin/python docs/benchmarks/request_time.py`` measures them again. They are
+those of the costliest shape: a rectangle, which can be filled in rows, takes a tenth of the time.
 
 Elements alone do not tell how long growing them takes. Where a segment is long for what lies around it, as between the
 corners of a spiky star or beside many holes, a policy gets stuck, takes elements back and begins anew, up to a limit.

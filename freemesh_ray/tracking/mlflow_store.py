@@ -123,8 +123,9 @@ def takes_artifacts(uri: str, place: str) -> bool:
     if "\0" in unquote(place):
         return False
     if not uri.startswith(SQLITE):
-        # Whoever sends or serves a path may decode it, and go up in it.
-        if any({".", ".."} & set(spelt.split("/")) or re.search(r"[?#\\]", spelt) for spelt in decoded(place)):
+        # Whoever sends or serves a path may decode it, even twice, and go up in it.
+        spelt = unquote(place)
+        if {".", ".."} & set(spelt.split("/")) or re.search(r"[?#\\%]", spelt):
             return False
         here = urlsplit(uri)
         address = here.netloc.rpartition("@")[2]
@@ -139,14 +140,6 @@ def takes_artifacts(uri: str, place: str) -> bool:
     # MLflow may decode a path that has no scheme, too.
     paths = [Path(spelt).resolve() for spelt in ([unquote(target.path)] if target.scheme else [place, unquote(place)])]
     return all(any(path.is_relative_to(folder) for folder in folders) for path in paths)
-
-
-def decoded(text: str) -> Iterator[str]:
-    """The text as it is, and with its percent codes decoded again and again, until none is left."""
-    yield text
-    while (once := unquote(text)) != text:
-        text = once
-        yield text
 
 
 def artifacts_of(client: Any, uri: str, place: str) -> Any:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from envs.mesh import Mesh as PlainMesh
+from envs.types import Domain
 from freemesh_ray.cli import command as cli
 from freemesh_ray.mesher import MeshingError, MeshResult, polygon_to_mesh
+from freemesh_ray.policies.policy import Policy
 
 SQUARE = [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)]
 BOW = [(0, 0), (2, 2), (2, 0), (0, 2)]
@@ -62,6 +65,31 @@ def test_the_lines_of_what_is_left_out_go_too(capsys: pytest.CaptureFixture[str]
     path = file_of([SQUARE, moved(BOW, 10)], ", LINESTRING(10.1 1.5, 10.2 1), LINESTRING(0.5 1, 1.5 1)")
     assert cli.main(["mesh", path, "-o", "o.msh", "--keep-going", "--edge-length", "0.5"]) == 1
     assert capsys.readouterr().err.splitlines()[-1] == "part.wkt: 1 polygon left out: 1; 1 line or point left out"
+
+
+def test_periodic_sides_leave_nothing_out_that_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
+    path = file_of([SQUARE, moved(BOW, 10)])
+    asked = ["--keep-going", "--edge-length", "0.5", "--periodic", "left", "right"]
+    assert cli.main(["mesh", path, "-o", "o.msh", *asked]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == "part.wkt: 1 polygon left out: 1"
+    assert Path("o.msh").exists()
+
+
+def test_no_region_is_meshed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many fail."""
+    tried: list[str] = []
+    mesh_domain = polygon_to_mesh.mesh_domain
+
+    def some(policy: Policy, domain: Domain, **options: Any) -> MeshResult:
+        tried.append(domain.name)
+        if len(tried) % 2:
+            raise MeshingError(f"{domain.name}: too thin")
+        return mesh_domain(policy, domain, **options)
+
+    monkeypatch.setattr(polygon_to_mesh, "mesh_domain", some)
+    path = file_of([moved(SQUARE, 10 * i) for i in range(6)])
+    assert cli.main(["mesh", path, "-o", "o.msh", "--keep-going"]) == 1
+    assert tried == [f"part[{i}]" for i in range(6)]
 
 
 def test_nothing_is_left_out_of_what_is_sound(capsys: pytest.CaptureFixture[str]) -> None:

@@ -96,6 +96,23 @@ def test_mistakes_are_told_before_any_work(
     assert (out, sorted(folder.rglob("*"))) == ("", before)
 
 
+def test_files_of_one_name_do_not_meet_on_a_cluster() -> None:
+    """The polygon and the sizes, from two folders."""
+    (given,) = files(part=SQUARE)
+    polygon = Path(given).rename("part.csv")
+    polygon.write_text("0 0\n4 0\n4 4\n0 4\n")
+    sizes = Path("sizes", "part.csv")
+    sizes.parent.mkdir()
+    sizes.write_text("2 2 1.0\n")
+    options = cli.parser().parse_args(["mesh", "part.csv", "--out", "m", "--size", str(sizes)])
+    job = Job(0, "part.csv", "part")
+    content = mesh_batch.contents(options, job)
+    assert sorted(content) == ["domain/part.csv", "size/part.csv"]
+    outcome = in_a_folder(job, partial(mesh_batch.mesh_elsewhere, options, [".msh"], mesh.run_one), content)
+    assert outcome.error == ""
+    assert outcome.meshes[0]["elements"] >= 16
+
+
 def test_a_task_of_a_cluster_brings_what_it_writes_back() -> None:
     """What it reads went with it: the folder that it was called in is not there."""
     (given,) = files(a=SQUARE)
@@ -107,5 +124,5 @@ def test_a_task_of_a_cluster_brings_what_it_writes_back() -> None:
     outcome = in_a_folder(job, work, content)
     assert outcome.error == ""
     assert list(outcome.files) == ["a.msh", "a.png"]
-    broken = in_a_folder(job, work, {"a.wkt": BOW.encode()})
+    broken = in_a_folder(job, work, {"domain/a.wkt": BOW.encode()})
     assert broken.error.startswith("a.wkt: outer ring crosses itself")
