@@ -81,7 +81,8 @@ def test_no_address_becomes_another_host(host: str, other: str, sign: str, path:
 
 
 @pytest.mark.parametrize(
-    "login", [f"u:{PASSWORD} w", f"u:{PASSWORD}/w", f"u:{PASSWORD}?w", f"u:{PASSWORD}#", "u:p@" + PASSWORD]
+    "login",
+    [f"u:{PASSWORD} w", f"u:{PASSWORD}/a b", f"u:{PASSWORD}/w", f"u:{PASSWORD}?w", f"u:{PASSWORD}#", "u:p@" + PASSWORD],
 )
 def test_a_password_is_not_shown_by_a_refusal(login: str) -> None:
     address = set_aside(f"http://{login}@host name/x")
